@@ -1,0 +1,101 @@
+"""What is installed: packages with their data, the libraries they import, and pinned versions."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+
+import pytest
+
+from tests.contract.repository import PACKAGES, ROOT, own_files
+
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = SETTINGS["project"]
+EXTRAS = PROJECT["optional-dependencies"]
+# Import names that differ from the distribution's name.
+MODULE_OF = {"colour-science": "colour", "tomli-w": "tomli_w", "warp-lang": "warp"}
+# xarray writes netCDF through h5netcdf, and that through h5py: no module of ours names them.
+BACKENDS = {"h5netcdf", "h5py"}
+
+
+def names(requirements: list[str]) -> set[str]:
+    """Distribution names of some requirements."""
+    return {re.split(r"[\[<>=!~; ]", requirement)[0] for requirement in requirements}
+
+
+def canonical(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def imported(source: str) -> Iterator[str]:
+    """Top-level names of the modules that a source imports, anywhere in it."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            yield node.module.partition(".")[0]
+
+
+def product_files(suffix: str | None = None) -> list:
+    files = [path for path in own_files() if path.relative_to(ROOT).parts[0] in PACKAGES]
+    return [path for path in files if suffix is None or path.suffix == suffix]
+
+
+@pytest.fixture(scope="module")
+def third_party() -> set[str]:
+    """Libraries that the five packages import."""
+    found = {
+        name for path in product_files(".py") for name in imported(path.read_text(encoding="utf-8"))
+    }
+    return found - set(sys.stdlib_module_names) - set(PACKAGES)
+
+
+def test_the_core_install_holds_every_library_that_is_imported(third_party: set[str]):
+    core = {MODULE_OF.get(name, name) for name in names(PROJECT["dependencies"])}
+    assert third_party - core == set()
+
+
+def test_the_core_install_holds_nothing_else(third_party: set[str]):
+    core = {MODULE_OF.get(name, name) for name in names(PROJECT["dependencies"])}
+    assert core - third_party - BACKENDS == set()
+
+
+def test_the_search_for_imports_sees_inner_ones():
+    source = "import a.b\n\ndef f():\n    from c.d import e\n    from . import g\n"
+    assert set(imported(source)) == {"a", "c"}
+
+
+def test_constraints_are_names_and_versions_only():
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = [line for line in lines if line and not line.startswith("#")]
+    assert pinned
+    assert [line for line in pinned if not re.fullmatch(r"[\w.-]+==[\w.]+", line)] == []
+
+
+def test_constraints_pin_every_dependency():
+    extras = [requirement for extra in EXTRAS.values() for requirement in extra]
+    asked = names(PROJECT["dependencies"] + extras) - {PROJECT["name"]}
+    text = (ROOT / "constraints.txt").read_text(encoding="utf-8")
+    pinned = {line.partition("==")[0] for line in text.splitlines() if "==" in line}
+    assert {canonical(name) for name in asked} <= {canonical(name) for name in pinned}
+
+
+def test_the_extra_all_brings_every_other_extra():
+    brought = re.fullmatch(r"benchtwin\[(.*)\]", EXTRAS["all"][0])[1].split(",")
+    assert sorted(brought) == sorted(set(EXTRAS) - {"all"})
+
+
+def test_every_package_is_found_and_typed():
+    assert {path.parent.name for path in ROOT.glob("*/py.typed")} == set(PACKAGES)
+    folders = {path.parent for path in product_files(".py")}
+    assert [str(folder) for folder in folders if not (folder / "__init__.py").is_file()] == []
+
+
+def test_every_data_file_of_a_package_is_installed():
+    patterns = SETTINGS["tool"]["setuptools"]["package-data"]["*"]
+    endings = tuple(pattern.removeprefix("**/*") for pattern in patterns)
+    data = [path for path in product_files() if path.suffix != ".py"]
+    assert [str(path.relative_to(ROOT)) for path in data if not path.name.endswith(endings)] == []

@@ -1,0 +1,62 @@
+"""Measurements: one visit to the bench as one object, one file, and relative intensities."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from twin.measurement.folder import read_folder
+from twin.measurement.model import (
+    CAPTURES,
+    REFERENCE_CAPTURES,
+    SAMPLE_CAPTURES,
+    Captures,
+    Measurement,
+    Provenance,
+    RelativeRow,
+    RelativeSpectra,
+    Shot,
+    Truth,
+)
+from twin.measurement.netcdf import read_netcdf, write_measurement
+from twin.measurement.oceanview import OceanViewSettings, read_oceanview
+from twin.measurement.relative import (
+    BlackReflectance,
+    RelativeIntensities,
+    certified_white,
+    measured_black_reflectance,
+    relative_intensities,
+)
+
+
+def read_measurement(path: str | Path) -> Measurement:
+    """Read a measurement from a netCDF-4 file or from a folder made by hand.
+
+    Raises:
+        InputError: one message with file, place, found and expected.
+    """
+    return read_folder(path) if Path(path).is_dir() else read_netcdf(path)
+
+
+__all__ = [
+    "CAPTURES",
+    "REFERENCE_CAPTURES",
+    "SAMPLE_CAPTURES",
+    "BlackReflectance",
+    "Captures",
+    "Measurement",
+    "OceanViewSettings",
+    "Provenance",
+    "RelativeIntensities",
+    "RelativeRow",
+    "RelativeSpectra",
+    "Shot",
+    "Truth",
+    "certified_white",
+    "measured_black_reflectance",
+    "read_folder",
+    "read_measurement",
+    "read_netcdf",
+    "read_oceanview",
+    "relative_intensities",
+    "write_measurement",
+]

@@ -1,0 +1,457 @@
+"""The random walk: one Warp thread traces the paths of one block into its own histograms.
+
+A path carries no albedo and no background reflectance: contributions are filed by the number
+k of scattering events and the number b of background bounces, so that one set of paths serves
+every albedo (power series in albedo) and every pair of backgrounds (power series in rho).
+Radiance divided by n^2 is what is conserved across an interface.
+
+All paths of a block advance together, one event at a time. Before each step they are sorted
+by depth and direction and matched with a shifted low-discrepancy sequence (array-RQMC:
+L'Ecuyer, Lecot, Tuffin 2008), so that each generation of paths samples depth and direction
+evenly. Blocks are independent; their spread is the standard error.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from twin.transport.connect_kernels import (
+    Problem,
+    Stack,
+    Tally,
+    connect_background,
+    connect_scatter,
+    score,
+    score_unscattered,
+)
+from twin.transport.sampling_kernels import (
+    GOLDEN_GAMMA,
+    TWO_PI,
+    cosine_cone,
+    fresnel,
+    henyey_greenstein_log_derivative,
+    kronecker,
+    sample_henyey_greenstein,
+    stream_start,
+    turn,
+    uniform2,
+    uniform8,
+    uniform_disc,
+    vec8,
+)
+
+wp.set_module_options({"enable_backward": False})
+
+CHANNEL_BLACK = wp.constant(0)
+CHANNEL_WHITE = wp.constant(1)
+CHANNEL_DOWN = wp.constant(1)
+CHANNEL_SIDE = wp.constant(2)
+CHANNEL_COLLISION = wp.constant(3)
+FAR = wp.constant(1.0e30)
+DIGIT = wp.constant(1024)
+
+# what each coordinate of a step's low-discrepancy point decides
+FLIGHT = wp.constant(0)
+SCATTER = wp.constant(1)
+AZIMUTH = wp.constant(2)
+FACE = wp.constant(3)
+AIM_U = wp.constant(4)
+AIM_V = wp.constant(5)
+AIM_PICK = wp.constant(6)
+FACE_2 = wp.constant(7)
+
+
+@wp.struct
+class Path:
+    """State of one path after its latest event."""
+
+    at: wp.vec3
+    direction: wp.vec3
+    weight: float
+    score_sigma: float
+    score_g: float
+    layer: int  # n_layers when the path leaves the background, through the gap
+    order: int
+    bounces: int
+    on_black: int
+    on_white: int
+    alive: int
+    state: wp.uint64
+
+
+@wp.struct
+class Generation:
+    """Working memory of the blocks: paths and their order, [block, path]."""
+
+    paths: wp.array2d(dtype=Path)
+    order: wp.array2d(dtype=wp.int32)
+    spare: wp.array2d(dtype=wp.int32)
+    key: wp.array2d(dtype=wp.int32)
+    count: wp.array2d(dtype=wp.int32)
+
+
+@wp.func
+def on_background(disc: int, half_x: float, half_y: float, x: float, y: float) -> bool:
+    """Whether a point of the background plane lies on a background."""
+    if disc == 1:
+        return (x * x) / (half_x * half_x) + (y * y) / (half_y * half_y) <= 1.0
+    return wp.abs(x) <= half_x and wp.abs(y) <= half_y
+
+
+@wp.func
+def start_path(
+    problem: Problem, stack: Stack, tally: Tally, row: int, points: vec8, state: wp.uint64
+) -> Path:
+    """A path that has just entered the stack; files what needs no path at all."""
+    at = uniform_disc(problem.start_radius, points[0], points[1])
+    cone = cosine_cone(problem.start_cone_sine, points[2], points[3])
+    # tilt the cone's axis from +z by the start's polar angle, in the x-z plane
+    w = wp.vec3(
+        problem.start_cosine * cone[0] + problem.start_sine * cone[2],
+        cone[1],
+        problem.start_cosine * cone[2] - problem.start_sine * cone[0],
+    )
+    sign = float(1.0)
+    layer = int(0)
+    if problem.start_from_below == 1:
+        layer = problem.n_layers - 1
+        at = wp.vec3(at[0], at[1], stack.bottom[layer])
+    else:
+        w = wp.vec3(w[0], w[1], -w[2])
+        sign = -1.0
+    score_unscattered(problem, stack, tally, row, at, w)
+    n = stack.n[layer]
+    reflectance, cosine = fresnel(1.0, n, wp.abs(w[2]))
+    path = Path()
+    path.at = at
+    path.direction = wp.vec3(w[0] / n, w[1] / n, sign * cosine)
+    path.weight = 1.0 - reflectance
+    path.layer = layer
+    path.on_black = 1
+    path.on_white = 1
+    path.alive = 1
+    path.state = state
+    return path
+
+
+@wp.func
+def scatter_event(
+    problem: Problem, stack: Stack, tally: Tally, row: int, before: Path, points: vec8
+) -> Path:
+    """One scattering event: connect to the targets, play roulette, turn."""
+    path = before
+    layer = path.layer
+    if layer == problem.counted_layer:
+        path.order = path.order + 1
+        path.score_sigma = path.score_sigma + 1.0 / stack.sigma_t[layer]
+    else:
+        path.weight = path.weight * stack.albedo[layer]
+    if tally.balance == 1:
+        score(tally, row, CHANNEL_COLLISION, 0, path.order, path.weight, 0.0, 0.0)
+    mu = sample_henyey_greenstein(stack.g[layer], points[SCATTER])
+    scattered = turn(path.direction, mu, TWO_PI * points[AZIMUTH])
+    if problem.target_up != 0:
+        joined = connect_scatter(
+            problem, stack, problem.target_up, 1.0, layer, path.at, path.direction, scattered,
+            points[AIM_U], points[AIM_V], points[AIM_PICK],
+        )  # fmt: skip
+        c = joined[0] * path.weight
+        ds = joined[1] * path.weight + c * path.score_sigma
+        dg = joined[2] * path.weight + c * path.score_g
+        if path.on_black == 1:
+            score(tally, row, CHANNEL_BLACK, path.bounces, path.order, c, ds, dg)
+        if path.on_white == 1 and problem.has_background == 1:
+            score(tally, row, CHANNEL_WHITE, path.bounces, path.order, c, ds, dg)
+    if problem.target_down != 0:
+        joined = connect_scatter(
+            problem, stack, problem.target_down, -1.0, layer, path.at, path.direction, scattered,
+            points[AIM_U], points[AIM_V], points[AIM_PICK],
+        )  # fmt: skip
+        c = joined[0] * path.weight
+        ds = joined[1] * path.weight + c * path.score_sigma
+        dg = joined[2] * path.weight + c * path.score_g
+        score(tally, row, CHANNEL_DOWN, path.bounces, path.order, c, ds, dg)
+    if path.order >= problem.max_order or path.weight <= 0.0:
+        path.alive = 0
+    elif path.order > problem.roulette_free:
+        k = float(path.order)
+        survival = (
+            problem.roulette_albedo
+            * (k - 1.0 + problem.roulette_scale)
+            / (k + problem.roulette_scale)
+        )
+        state, u, spare = uniform2(path.state)
+        path.state = state
+        if u >= survival:
+            path.alive = 0
+        path.weight = path.weight / survival
+    if layer == problem.counted_layer:
+        path.score_g = path.score_g + henyey_greenstein_log_derivative(stack.g[layer], mu)
+    path.direction = scattered
+    return path
+
+
+@wp.func
+def bounce_event(
+    problem: Problem, stack: Stack, tally: Tally, row: int, before: Path, points: vec8
+) -> Path:
+    """Arrival at the background plane from the stack: connect to the target, bounce."""
+    path = before
+    descent = problem.gap / wp.max(-path.direction[2], 1.0e-6)
+    x = path.at[0] + path.direction[0] * descent
+    y = path.at[1] + path.direction[1] * descent
+    if not on_background(problem.black_disc, problem.black_half_x, problem.black_half_y, x, y):
+        path.on_black = 0
+    if not on_background(problem.white_disc, problem.white_half_x, problem.white_half_y, x, y):
+        path.on_white = 0
+    if (path.on_black == 0 and path.on_white == 0) or path.bounces >= 63:
+        path.alive = 0
+        return path
+    path.bounces = path.bounces + 1
+    joined = connect_background(
+        problem, stack, wp.vec3(x, y, 0.0), points[AIM_U], points[AIM_V], points[AIM_PICK]
+    )
+    c = joined[0] * path.weight
+    ds = joined[1] * path.weight + c * path.score_sigma
+    dg = c * path.score_g
+    if path.on_black == 1:
+        score(tally, row, CHANNEL_BLACK, path.bounces, path.order, c, ds, dg)
+    if path.on_white == 1:
+        score(tally, row, CHANNEL_WHITE, path.bounces, path.order, c, ds, dg)
+    up = cosine_cone(1.0, points[SCATTER], points[AZIMUTH])
+    path.direction = up
+    path.at = wp.vec3(x, y, stack.bottom[problem.n_layers - 1] - problem.gap)
+    path.layer = problem.n_layers
+    return path
+
+
+@wp.func
+def enter_from_gap(problem: Problem, stack: Stack, before: Path, u: float) -> Path:
+    """From the background up to the stack: enter it or be reflected back down."""
+    path = before
+    up = path.direction
+    ascent = problem.gap / wp.max(up[2], 1.0e-6)
+    x = path.at[0] + up[0] * ascent
+    y = path.at[1] + up[1] * ascent
+    layer = problem.n_layers - 1
+    path.at = wp.vec3(x, y, stack.bottom[layer])
+    if wp.abs(x) > problem.half_x or wp.abs(y) > problem.half_y:
+        path.alive = 0
+    reflectance, cosine = fresnel(1.0, stack.n[layer], up[2])
+    if u < reflectance:
+        path.direction = wp.vec3(up[0], up[1], -up[2])
+    else:
+        path.direction = wp.vec3(up[0] / stack.n[layer], up[1] / stack.n[layer], cosine)
+        path.layer = layer
+    return path
+
+
+@wp.func
+def advance(
+    problem: Problem, stack: Stack, tally: Tally, row: int, before: Path, points: vec8
+) -> Path:
+    """Carry a path to its next event (scattering, background) or to its end."""
+    path = before
+    faces = int(0)
+    if path.layer == problem.n_layers:
+        faces = 1
+        path = enter_from_gap(problem, stack, path, points[FACE])
+        if path.alive == 1 and path.layer == problem.n_layers:
+            return bounce_event(problem, stack, tally, row, path, points)
+    first_flight = int(1)
+    state = path.state
+    x = float(path.at[0])
+    y = float(path.at[1])
+    z = float(path.at[2])
+    dx = float(path.direction[0])
+    dy = float(path.direction[1])
+    dz = float(path.direction[2])
+    layer = int(path.layer)
+    moving = int(path.alive)
+    event = int(0)
+    while moving == 1:
+        sigma = stack.sigma_t[layer]
+        flight = float(FAR)
+        if sigma > 0.0:
+            u = float(points[FLIGHT])
+            if first_flight == 0:
+                state, u, spare = uniform2(state)
+            flight = -wp.log(1.0 - u) / sigma
+        to_face = float(FAR)
+        if dz > 0.0:
+            to_face = wp.max(0.0, stack.top[layer] - z) / dz
+        elif dz < 0.0:
+            to_face = wp.max(0.0, z - stack.bottom[layer]) / -dz
+        to_side = float(FAR)
+        if dx != 0.0:
+            to_side = (problem.half_x - wp.sign(dx) * x) / wp.abs(dx)
+        if dy != 0.0:
+            to_side = wp.min(to_side, (problem.half_y - wp.sign(dy) * y) / wp.abs(dy))
+        if sigma > 0.0:
+            if first_flight == 1 and path.order == 0 and path.bounces == 0:
+                # let thin stacks scatter more often than they do, at a smaller weight
+                natural = 1.0 - wp.exp(-sigma * wp.min(to_face, to_side))
+                if natural > 0.0 and natural < problem.first_scatter:
+                    if points[FLIGHT] < problem.first_scatter:
+                        u = points[FLIGHT] / problem.first_scatter * natural
+                        flight = -wp.log(1.0 - u) / sigma
+                        path.weight = path.weight * natural / problem.first_scatter
+                    else:
+                        flight = float(FAR)
+                        path.weight = path.weight * (1.0 - natural) / (1.0 - problem.first_scatter)
+            first_flight = 0
+        step = wp.min(flight, wp.min(to_face, to_side))
+        if step >= FAR:
+            path.alive = 0
+            moving = 0
+        else:
+            x = x + dx * step
+            y = y + dy * step
+            z = z + dz * step
+            if layer == problem.counted_layer:
+                path.score_sigma = path.score_sigma - step
+            if flight <= to_face and flight <= to_side:
+                event = 1
+                moving = 0
+            elif to_side < to_face:
+                if tally.balance == 1:
+                    score(tally, row, CHANNEL_SIDE, 0, path.order, path.weight, 0.0, 0.0)
+                path.alive = 0
+                moving = 0
+            else:
+                next_layer = layer - 1
+                z = stack.top[layer]
+                if dz < 0.0:
+                    next_layer = layer + 1
+                    z = stack.bottom[layer]
+                n_here = stack.n[layer]
+                n_next = float(1.0)
+                if next_layer >= 0 and next_layer < problem.n_layers:
+                    n_next = stack.n[next_layer]
+                reflectance, cosine = fresnel(n_here, n_next, wp.abs(dz))
+                passes = int(1)
+                if reflectance >= 1.0:
+                    passes = 0
+                elif reflectance > 0.0:
+                    u = float(points[FACE])
+                    if faces == 1:
+                        u = points[FACE_2]
+                    elif faces > 1:
+                        state, u, spare = uniform2(state)
+                    faces = faces + 1
+                    if u < reflectance:
+                        passes = 0
+                if passes == 0:
+                    dz = -dz
+                else:
+                    ratio = n_here / n_next
+                    dx = dx * ratio
+                    dy = dy * ratio
+                    dz = wp.sign(dz) * cosine
+                    layer = next_layer
+                    if layer < 0 or layer == problem.n_layers:
+                        moving = 0
+                        # a way out through the top has been scored by connection already
+                        if layer < 0 or problem.has_background == 0:
+                            path.alive = 0
+                        else:
+                            event = 2
+    path.state = state
+    path.at = wp.vec3(x, y, z)
+    path.direction = wp.vec3(dx, dy, dz)
+    path.layer = layer
+    if event == 1:
+        path = scatter_event(problem, stack, tally, row, path, points)
+    elif event == 2:
+        path = bounce_event(problem, stack, tally, row, path, points)
+    return path
+
+
+@wp.func
+def sort_key(problem: Problem, stack: Stack, path: Path) -> int:
+    """Place of a path on a Z-order curve through depth and direction cosine, 20 bits."""
+    lowest = stack.bottom[problem.n_layers - 1] - problem.gap
+    depth = wp.clamp(path.at[2] / lowest, 0.0, 0.99999)
+    turned = wp.clamp(0.5 * (path.direction[2] + 1.0), 0.0, 0.99999)
+    a = int(depth * 1024.0)
+    b = int(turned * 1024.0)
+    key = int(0)
+    for bit in range(10):
+        key = key | (((a >> bit) & 1) << (2 * bit + 1)) | (((b >> bit) & 1) << (2 * bit))
+    return key
+
+
+@wp.func
+def sort_pass(generation: Generation, row: int, count: int, shift: int, to_spare: int):
+    """One stable counting pass over ten bits of the keys."""
+    for digit in range(DIGIT + 1):
+        generation.count[row, digit] = 0
+    for i in range(count):
+        index = generation.order[row, i]
+        if to_spare == 0:
+            index = generation.spare[row, i]
+        digit = (generation.key[row, index] >> shift) & (DIGIT - 1)
+        generation.count[row, digit + 1] = generation.count[row, digit + 1] + 1
+    for digit in range(DIGIT):
+        generation.count[row, digit + 1] = (
+            generation.count[row, digit + 1] + generation.count[row, digit]
+        )
+    for i in range(count):
+        index = generation.order[row, i]
+        if to_spare == 0:
+            index = generation.spare[row, i]
+        digit = (generation.key[row, index] >> shift) & (DIGIT - 1)
+        place = generation.count[row, digit]
+        generation.count[row, digit] = place + 1
+        if to_spare == 1:
+            generation.spare[row, place] = index
+        else:
+            generation.order[row, place] = index
+
+
+@wp.kernel
+def trace_kernel(
+    problem: Problem,
+    stack: Stack,
+    tally: Tally,
+    generation: Generation,
+    seed: wp.uint64,
+    stream: int,
+    first_block: int,
+    paths: int,
+):
+    """Trace the paths of one block; thread i fills row i of the tally."""
+    row = wp.tid()
+    block = first_block + row
+    shift = uniform8(stream_start(seed, stream, block, -1))
+    for index in range(paths):
+        generation.paths[row, index] = start_path(
+            problem, stack, tally, row, kronecker(index, shift),
+            stream_start(seed, stream, block, index),
+        )  # fmt: skip
+        generation.order[row, index] = index
+    alive = int(paths)
+    step = int(0)
+    while alive > 0:
+        if step > 0 and problem.lattice == 1 and alive > 8:
+            for i in range(alive):
+                index = generation.order[row, i]
+                generation.key[row, index] = sort_key(problem, stack, generation.paths[row, index])
+            sort_pass(generation, row, alive, 0, 1)
+            sort_pass(generation, row, alive, 10, 0)
+        shift = uniform8(stream_start(seed, stream, block, -2 - step))
+        left = int(0)
+        for i in range(alive):
+            index = generation.order[row, i]
+            path = generation.paths[row, index]
+            points = kronecker(i, shift)
+            if problem.lattice == 0:
+                points = uniform8(path.state)
+                path.state = path.state + GOLDEN_GAMMA * wp.uint64(4)
+            path = advance(problem, stack, tally, row, path, points)
+            if path.alive == 1:
+                generation.paths[row, index] = path
+                generation.order[row, left] = index
+                left = left + 1
+        alive = left
+        step = step + 1

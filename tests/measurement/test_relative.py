@@ -338,8 +338,10 @@ def test_a_wrong_description_is_noticed() -> None:
 
 
 def test_linearised_counts_have_no_bias() -> None:
-    """Expected counts of a bent sensor: the true ratio comes back, and only when asked for."""
-    sensor = Spectrometer(pixels_nm=tuple(WAVELENGTH_NM), off=("lamp_drift",), nonlinearity=-0.03)
+    """Expected counts of a bent sensor: the true ratio comes back unless refused."""
+    sensor = Spectrometer(
+        pixels_nm=tuple(WAVELENGTH_NM), off=("lamp_drift", "stray_light"), nonlinearity=-0.03
+    )
     light = np.array([2e6, 5e6, 8e6])
     share = {"white_reference": 1.0, "beam_reference": 0.5, "black": 0.1, "white": 0.4}
     table = [
@@ -356,12 +358,33 @@ def test_linearised_counts_have_no_bias() -> None:
     ]
     measurement = visit(table, instrument=sensor)
     true = np.array([0.1 * RHO_WHITE, 0.4 * RHO_WHITE, 0.02 / 0.5])[:, None] * np.ones(3)
-    straight = relative_intensities(measurement, linearise=True)
-    plain = relative_intensities(measurement)
+    straight = relative_intensities(measurement)
+    plain = relative_intensities(measurement, linearise=False)
     np.testing.assert_allclose(straight.value[0], true, rtol=1e-9)
     assert np.max(np.abs(plain.value[0] / true - 1)) > 0.005
     np.testing.assert_allclose(straight.sigma, plain.sigma, rtol=0.05)
     assert any("linearised" in reason for reason in straight.reasons)
+
+
+def test_described_stray_light_is_taken_away() -> None:
+    """Counts with a share of the mean light in every pixel: the true ratios come back."""
+    off = ("lamp_drift", "nonlinearity")
+    share, light = 0.02, np.array([100.0, 2000.0, 8000.0])
+    fraction = {"white_reference": 1.0, "beam_reference": 0.5, "black": 0.1, "white": 0.4}
+    spectral = {"black": np.array([3.0, 1.0, 0.2])}
+    table = []
+    for shot in SHOTS:
+        own = light * fraction.get(shot.capture, 0.02 * (shot.sample != ""))
+        own = own * spectral.get(shot.capture, 1.0)
+        table.append((shot, list(500.0 + (1 - share) * own + share * own.mean())))
+    true = 0.1 * RHO_WHITE * spectral["black"]
+    for described, agrees in ((share, True), (0.0, False)):
+        sensor = Spectrometer(
+            pixels_nm=tuple(WAVELENGTH_NM), off=off, stray_light_fraction=described
+        )
+        dark = [(s, c if s.capture != "dark" else [500.0] * 3) for s, c in table]
+        found = relative_intensities(visit(dark, instrument=sensor)).value[0, 0]
+        assert np.allclose(found, true, rtol=1e-9) is agrees
 
 
 # --- relative intensities that came ready-made ----------------------------------------------

@@ -25,7 +25,9 @@ def answer_of(read: Callable[[], Answer]) -> tuple[Answer | None, InputError | N
 
 WAVELENGTH_NM = np.array([450.0, 550.0, 650.0])
 RHO_WHITE = 0.98
-QUIET = Spectrometer(pixels_nm=tuple(WAVELENGTH_NM), off=("lamp_drift", "nonlinearity"))
+QUIET = Spectrometer(
+    pixels_nm=tuple(WAVELENGTH_NM), off=("lamp_drift", "nonlinearity", "stray_light")
+)
 
 
 def bench(instrument: Spectrometer = QUIET) -> Bench:

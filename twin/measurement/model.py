@@ -63,6 +63,9 @@ class Captures:
         wavelength_nm: wavelengths [nm] of the pixels or channels, increasing, shape (W,).
         counts: counts averaged over each shot's exposures, shape (N, W); NaN is a dead pixel.
         saturated: True where an exposure hit the top of the range, shape (N, W).
+        light_se: of a simulated visit, the Monte Carlo's own standard error of the relative
+            intensities (black, white, collimated) of each sample, shape (S, 3, W); it is the same
+            in every repeat, so repeats cannot show it. None for a real visit.
 
     Raises:
         InputError: shapes, names or numbers that cannot be.
@@ -72,9 +75,17 @@ class Captures:
     wavelength_nm: FloatArray
     counts: FloatArray
     saturated: BoolArray
+    light_se: FloatArray | None = None
 
     def __post_init__(self) -> None:
         wavelength = _wavelengths(self.wavelength_nm)
+        if self.light_se is not None:
+            error = np.asarray(self.light_se, dtype=np.float64)
+            shape = (len(error), len(SAMPLE_CAPTURES), wavelength.size)
+            error = _shaped("light_se", error, shape)
+            if not np.all(error >= 0.0):
+                raise InputError("light_se below 0 or no number", "standard errors of 0 or more")
+            _set(self, "light_se", error)
         shape = (len(self.shots), wavelength.size)
         _set(self, "wavelength_nm", wavelength)
         _set(self, "counts", _shaped("counts", self.counts, shape))
@@ -231,6 +242,9 @@ class Measurement:
                 raise InputError(
                     f"sample {item.sample!r}", f"one of {names(known)}", place=item.capture
                 )
+        light_se = self.captures.light_se if self.captures is not None else None
+        if light_se is not None and len(light_se) != len(known):
+            raise InputError(f"light_se of {len(light_se)} samples", f"that of all {len(known)}")
         if self.truth is not None and len(self.truth.albedo) != len(known):
             raise InputError(
                 f"the truth of {len(self.truth.albedo)} samples", f"that of all {len(known)}"

@@ -222,6 +222,13 @@ def _captures(captures: Captures) -> Dataset:
             {"units": "1", "flag_values": np.array([0, 1], np.int8), "flag_meanings": "no yes"},
         ),
     }
+    if captures.light_se is not None:
+        variables["light_se"] = _floats(
+            ("own_sample", "relative_capture", "wavelength"),
+            captures.light_se,
+            "1",
+            "standard error of the simulated relative intensities (black, white, collimated)",
+        )
     for name, units in _SHOT_UNITS.items():
         values = np.array([getattr(shot, name) for shot in shots])
         if name in ("averages", "repeat"):
@@ -294,7 +301,11 @@ def _read_captures(group: Any) -> Captures:
         for capture, sample, integration, averages, time, gain, repeat in zip(*columns, strict=True)
     )
     return Captures(
-        shots, group["wavelength_nm"].values, group["counts"].values, group["saturated"].values != 0
+        shots,
+        group["wavelength_nm"].values,
+        group["counts"].values,
+        group["saturated"].values != 0,
+        group["light_se"].values if "light_se" in group else None,
     )
 
 

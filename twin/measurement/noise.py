@@ -154,6 +154,30 @@ def linearised(
     return tuple(straight), replace(noise, variance=variance, reasons=(*noise.reasons, reason))
 
 
+def without_stray_light(
+    measurement: Measurement, groups: tuple[Group, ...], dark: list[int]
+) -> tuple[tuple[Group, ...], str]:
+    """Groups without the stray light that the bench's instrument describes, and what was done.
+
+    The sensor adds a share f of the mean light to every pixel and takes it from the pixel's own:
+    the mean itself is unchanged, so f times it is subtracted. The common factor 1 - f is left,
+    as it cancels from every ratio.
+
+    Args:
+        measurement: says f.
+        groups: G of them, in counts proportional to the light.
+        dark: index of the dark of each.
+    """
+    instrument = measurement.bench.instrument
+    share = instrument.stray_light_fraction if instrument.has("stray_light") else 0.0
+    clean = []
+    for group, own in zip(groups, dark, strict=True):
+        lit = group.finite & groups[own].finite
+        light = np.mean((group.mean - groups[own].mean)[lit]) if lit.any() else 0.0
+        clean.append(replace(group, mean=group.mean - share * light))
+    return tuple(clean), f"described stray light of {share:g} of the mean light subtracted"
+
+
 def _from_instrument(
     measurement: Measurement, groups: tuple[Group, ...], darks: FloatArray
 ) -> Noise:

@@ -24,7 +24,7 @@ from twin.measurement.model import (
     RelativeSpectra,
     label,
 )
-from twin.measurement.noise import Group, groups_of, linearised, noise_of
+from twin.measurement.noise import Group, groups_of, linearised, noise_of, without_stray_light
 from twin.spectra import FloatArray, Spectral
 
 SMALLEST_REFERENCE = 5.0
@@ -86,18 +86,20 @@ class BlackReflectance:
 
 
 def relative_intensities(
-    measurement: Measurement, *, linearise: bool = False
+    measurement: Measurement, *, linearise: bool | None = None
 ) -> RelativeIntensities:
     """Relative intensities of all samples with propagated covariance.
 
     Shot and read noise, rounding and lamp drift are propagated to first order; a reference or
     dark that several values share makes them covary. A pixel that is saturated or no number in
     any repeat, or whose reference is not clearly above the dark, is masked, flagged and counted.
+    The light of a simulated visit has a standard error of its own, which is added.
 
     Args:
         measurement: the visit.
         linearise: undo the sensor's nonlinearity, as the bench's instrument describes it, before
-            the dark is subtracted. Off, counts are taken as proportional to the light.
+            the dark is subtracted. None does so where the instrument is described; False takes
+            counts as proportional to the light.
 
     Raises:
         InputError: a capture, reference or dark is missing; a white reference without light; a
@@ -117,6 +119,11 @@ def relative_intensities(
                 pairs.append((signal, visit.reference(kind, signal, sample.name)))
                 scales.append(np.ones_like(white) if capture == "collimated" else white)
         value, covariance, valid, reasons = visit.ratios(pairs, np.stack(scales))
+        light_se = measurement.captures.light_se if measurement.captures is not None else None
+        if light_se is not None:
+            index = np.arange(len(pairs))
+            own = light_se.reshape(len(pairs), -1).T
+            covariance[:, index, index] += own**2
         repeats = min(len(visit.groups[signal].shots) for signal, _ in pairs)
     shape = (len(measurement.samples), len(SAMPLE_CAPTURES), measurement.wavelength_nm.size)
     return RelativeIntensities(
@@ -132,7 +139,7 @@ def relative_intensities(
 
 
 def measured_black_reflectance(
-    measurement: Measurement, *, linearise: bool = False
+    measurement: Measurement, *, linearise: bool | None = None
 ) -> BlackReflectance | None:
     """The black background's reflectance rho_w (K - D) / (W - D); None without such a capture.
 
@@ -194,7 +201,7 @@ def certified_white(measurement: Measurement) -> FloatArray:
 class _Visit:
     """The groups of a visit with the dark of each, and the noise of their means."""
 
-    def __init__(self, measurement: Measurement, linearise: bool) -> None:
+    def __init__(self, measurement: Measurement, linearise: bool | None) -> None:
         captures = measurement.captures
         if captures is None:
             raise InputError("relative intensities", "counts", place="captures")
@@ -206,9 +213,13 @@ class _Visit:
         self.dark = [self._dark(index, borrowed) for index in range(len(self.groups))]
         darks = np.stack([self.groups[index].mean for index in self.dark])
         self.noise = noise_of(measurement, self.groups, darks)
-        if linearise:
+        described = measurement.provenance.noise == "instrument"
+        if described if linearise is None else linearise:
             self.groups, self.noise = linearised(measurement, self.groups, self.noise)
         self.reasons = [*self.noise.reasons, *sorted(borrowed)]
+        if described and measurement.bench.instrument.has("stray_light"):
+            self.groups, reason = without_stray_light(measurement, self.groups, self.dark)
+            self.reasons.append(reason)
 
     def capture_of(self, capture: str, sample: str) -> int:
         """The group of a sample's capture."""

@@ -1,142 +1,29 @@
-"""The appearance map: what the bench reads for every (albedo, sigma_t, g) of a thin sample.
-
-Iser et al. 2022, section 3: the map relates (I_black, I_white, I_collimated) to (albedo,
-sigma_t, g) for one thickness, refractive index and bench. One set of paths per (sigma_t, g)
-serves all albedos, and the map keeps the powers of the backgrounds' reflectance apart, so one
-map serves every wavelength whatever the backgrounds' spectra.
-"""
+"""Computing an appearance map by the Monte Carlo, or loading it from the cache."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from pydantic import field_validator
 
+from twin.appearance.grid import MapGrid
+from twin.appearance.smoothing import fine_enough, smoothed, smoothed_error
+from twin.appearance.table import AppearanceMap
 from twin.bench import Bench, Sample
 from twin.cache import cache_folder, content_key, load_arrays, store_arrays
 from twin.errors import InputError
 from twin.materials import OpticalProperties, reflectance
-from twin.spectra import FloatArray, Part
+from twin.spectra import FloatArray
 from twin.transport import Effort, flat_stacks, run_many, trace
 from twin.transport.engine import BLACK, WHITE, bounce_bins, mean_and_error
 from twin.transport.geometry import beam_reference_share, beam_setup, panels_setup
 from twin.transport.tables import FlatStack
 
-MAP_VERSION = 1
+MAP_VERSION = 3
 NOMINAL_NM = 550.0
 BLOCKS = 32
-
-
-class MapGrid(Part):
-    """Where the map is computed; every axis increases."""
-
-    albedo: tuple[float, ...]
-    """Single-scattering albedos, 0 to 1."""
-    sigma_t_per_mm: tuple[float, ...]
-    """Extinction coefficients [1/mm], above 0."""
-    g: tuple[float, ...]
-    """Anisotropy factors, inside -1 to 1."""
-
-    @field_validator("albedo", "sigma_t_per_mm", "g")
-    @classmethod
-    def _increasing(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if len(value) < 2 or np.any(np.diff(value) <= 0):
-            raise ValueError("found values that do not increase; expected two or more that do")
-        return value
-
-    @field_validator("albedo")
-    @classmethod
-    def _albedo(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if value[0] < 0.0 or value[-1] > 1.0:
-            raise ValueError(f"found albedos {value[0]:g} to {value[-1]:g}; expected 0 to 1")
-        return value
-
-    @field_validator("sigma_t_per_mm")
-    @classmethod
-    def _sigma(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if value[0] <= 0.0:
-            raise ValueError(f"found sigma_t {value[0]:g} per mm; expected values above 0")
-        return value
-
-    @field_validator("g")
-    @classmethod
-    def _g(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if value[0] <= -1.0 or value[-1] >= 1.0:
-            raise ValueError(f"found g {value[0]:g} to {value[-1]:g}; expected inside -1 to 1")
-        return value
-
-    @classmethod
-    def spaced(
-        cls,
-        albedos: int = 40,
-        sigmas: int = 60,
-        gs: int = 10,
-        *,
-        sigma_range: tuple[float, float] = (0.05, 50.0),
-        g_range: tuple[float, float] = (0.0, 0.9),
-        albedo_top: float = 0.9999,
-    ) -> MapGrid:
-        """Albedos from 0, even in log(1 - albedo); extinction even in log; g even.
-
-        Finer towards albedo 1, as in Iser et al. 2022, section 4.3.
-        """
-        albedo = 1.0 - np.geomspace(1.0, 1.0 - albedo_top, albedos)
-        sigma = np.geomspace(*sigma_range, sigmas)
-        return cls(
-            albedo=tuple(albedo.tolist()),
-            sigma_t_per_mm=tuple(sigma.tolist()),
-            g=tuple(np.linspace(*g_range, gs).tolist()),
-        )
-
-
-@dataclass(frozen=True)
-class AppearanceMap:
-    """A computed map.
-
-    Attributes:
-        albedo (A,), sigma_t_per_mm (S,) [1/mm], g (G,): the grid.
-        thickness_mm: of the sample [mm]; n: its refractive index.
-        exponent: powers of the background's reflectance, (B,).
-        black_series, white_series: coefficients of rho**exponent, (A, S, G, B).
-        collimated: (A, S, G).
-        black_se, white_se, collimated_se: standard errors at the bench's own backgrounds at
-            550 nm, (A, S, G).
-        key: content key of everything that the map depends on.
-    """
-
-    albedo: FloatArray
-    sigma_t_per_mm: FloatArray
-    g: FloatArray
-    thickness_mm: float
-    n: float
-    exponent: FloatArray
-    black_series: FloatArray
-    white_series: FloatArray
-    collimated: FloatArray
-    black_se: FloatArray
-    white_se: FloatArray
-    collimated_se: FloatArray
-    key: str = ""
-
-    @cached_property
-    def shape(self) -> tuple[int, int, int]:
-        """(A, S, G)."""
-        return len(self.albedo), len(self.sigma_t_per_mm), len(self.g)
-
-    def intensities(self, rho_black: float, rho_white: float) -> FloatArray:
-        """I_black, I_white, I_collimated at the grid, (A, S, G, 3), for two reflectances."""
-        return np.stack(
-            [
-                self.black_series @ float(rho_black) ** self.exponent,
-                self.white_series @ float(rho_white) ** self.exponent,
-                self.collimated,
-            ],
-            axis=-1,
-        )
 
 
 @dataclass(frozen=True)
@@ -226,7 +113,7 @@ def appearance_map(
                 if progress is not None:
                     progress(before + done, total)
 
-            slab = _slab(bench, sample, g, grid, paths, seed, threads, report)
+            slab = _slab(bench, sample, g, grid, paths, (seed, 2 * before), threads, report)
             store_arrays(part, slab)
         elif progress is not None:
             progress((index + 1) * len(grid.sigma_t_per_mm), total)
@@ -236,6 +123,8 @@ def appearance_map(
         for name in ("black", "white", "collimated", "black_se", "white_se", "collimated_se")
     }
     arrays["exponent"] = slabs[0]["exponent"]
+    if fine_enough(np.array(grid.sigma_t_per_mm)):
+        _smooth(arrays, _nominal_rho(bench))
     arrays["albedo"], arrays["sigma_t"] = np.array(grid.albedo), np.array(grid.sigma_t_per_mm)
     arrays["g"], arrays["sample"] = np.array(grid.g), np.array([thickness_mm, n])
     store_arrays(path, arrays)
@@ -244,30 +133,54 @@ def appearance_map(
     return _from_arrays(arrays, key)
 
 
+def _nominal_rho(bench: Bench) -> tuple[float, float]:
+    """Reflectances of the black and the white background at 550 nm."""
+    nominal = np.array([NOMINAL_NM])
+    return (
+        float(reflectance(bench.background.black.reflectance, nominal)[0]),
+        float(reflectance(bench.background.white.reflectance, nominal)[0]),
+    )
+
+
+def _smooth(arrays: dict[str, FloatArray], rho: tuple[float, float]) -> None:
+    """Replace black and white by their local regression over ln sigma_t, errors included.
+
+    The collimated capture is left alone: its unscattered part is exact already.
+    """
+    for name, reflects in (("black", rho[0]), ("white", rho[1])):
+        before = arrays[name]
+        arrays[name], use = smoothed(before)
+        powers = reflects ** arrays["exponent"]
+        total, total_after = before @ powers, arrays[name] @ powers
+        # an error is halved only where all but 1 % of the light was smoothed
+        kept = np.where(use, 0.0, np.abs(before)) @ powers <= 0.01 * total
+        lit = total > 0.0
+        relative = np.where(lit, arrays[f"{name}_se"] / np.where(lit, total, 1.0), 0.0)
+        arrays[f"{name}_se"] = smoothed_error(relative, kept) * total_after
+
+
 def _slab(
     bench: Bench,
     sample: Sample,
     g: float,
     grid: MapGrid,
     paths: int,
-    seed: int,
+    random: tuple[int, int],
     threads: int | None,
     progress: Callable[[int, int], None],
 ) -> dict[str, FloatArray]:
-    """All cells of one g, as arrays over (albedo, sigma_t)."""
+    """All cells of one g, as arrays over (albedo, sigma_t); random: seed and first stream."""
+    seed, first_stream = random
     nominal = np.array([NOMINAL_NM])
-    rho = (
-        float(reflectance(bench.background.black.reflectance, nominal)[0]),
-        float(reflectance(bench.background.white.reflectance, nominal)[0]),
-    )
+    rho = _nominal_rho(bench)
     albedo = np.array(grid.albedo)
 
-    def cell(sigma_t: float) -> Callable[[], _Cell]:
+    def cell(index: int, sigma_t: float) -> Callable[[], _Cell]:
         medium = OpticalProperties(nominal, np.zeros(1), np.array([sigma_t]), np.array([g]), None)
         stack = flat_stacks(bench, sample, nominal, medium)[0]
-        return lambda: _cell(bench, stack, albedo, rho, paths, seed)
+        return lambda: _cell(bench, stack, albedo, rho, paths, (seed, first_stream + 2 * index))
 
-    cells = run_many([cell(s) for s in grid.sigma_t_per_mm], threads, progress)
+    cells = run_many([cell(i, s) for i, s in enumerate(grid.sigma_t_per_mm)], threads, progress)
 
     errors = np.stack([c.errors for c in cells], axis=2)
     return {
@@ -287,15 +200,24 @@ def _cell(
     albedo: FloatArray,
     rho: tuple[float, float],
     paths: int,
-    seed: int,
+    random: tuple[int, int],
 ) -> _Cell:
     """One (sigma_t, g): panels and beam, all albedos, both backgrounds."""
+    seed, stream = random
     log2_paths = max(4, round(np.log2(max(1, paths) / BLOCKS)))
     panels = trace(
-        stack, panels_setup(bench, stack.height), Effort(BLOCKS, log2_paths), seed=seed, stream=1
+        stack,
+        panels_setup(bench, stack.height),
+        Effort(BLOCKS, log2_paths),
+        seed=seed,
+        stream=stream,
     )
     beam = trace(
-        stack, beam_setup(bench), Effort(BLOCKS, max(4, log2_paths - 4)), seed=seed, stream=2
+        stack,
+        beam_setup(bench),
+        Effort(BLOCKS, max(4, log2_paths - 4)),
+        seed=seed,
+        stream=stream + 1,
     )
     black = panels.blocks_by_albedo(BLACK, albedo)
     white = panels.blocks_by_albedo(WHITE, albedo)

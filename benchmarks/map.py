@@ -27,7 +27,7 @@ def run(quick: bool) -> dict[str, Any]:
     from twin.transport import compile_kernels
 
     grid = MapGrid.spaced(20, 12, 4) if quick else MapGrid.spaced(40, 60, 10)
-    paths = 4096 if quick else 49_152
+    paths = 4096 if quick else 32_768
     bench = Bench(covers_above=(), covers_below=())
     compile_kernels()
     with tempfile.TemporaryDirectory() as folder:

@@ -6,12 +6,8 @@ before, which is checked before the HDF5 library sees a byte. Same estimate, sam
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
 import io
 import json
-import os
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +15,7 @@ import numpy as np
 
 from estimators.result import CAPTURES, PARAMETERS, EstimateResult, Status
 from twin.errors import InputError
+from twin.files import read_sealed, write_atomically, write_sealed_tree
 
 if TYPE_CHECKING:
     from xarray import Dataset, DataTree
@@ -28,9 +25,6 @@ FORMAT_VERSION = 1
 CSV_HEADER = (
     "wavelength_nm,sample,quantity,value,standard_error,lower_90,upper_90,identifiable,status"
 )
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_SEAL = b"\nbenchtwin-sha256:"
-_SEAL_LENGTH = len(_SEAL) + 64 + 1
 _UNITS = {"albedo": "1", "sigma_t_per_mm": "1/mm", "g": "1"}
 _FLAGS = {
     "flag_values": np.array([int(status) for status in Status], dtype=np.int8),
@@ -119,15 +113,7 @@ def write_netcdf(result: EstimateResult, path: str | Path) -> Path:
     Raises:
         InputError: the folder cannot be written.
     """
-
-    def fill(temporary: str) -> None:
-        to_datatree(result).to_netcdf(temporary, engine="h5netcdf", format="NETCDF4")
-        with open(temporary, "r+b") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-            file.seek(0, os.SEEK_END)
-            file.write(_SEAL + digest.encode() + b"\n")
-
-    return _replaced(Path(path), fill)
+    return write_sealed_tree(to_datatree(result), Path(path))
 
 
 def read_netcdf(path: str | Path) -> EstimateResult:
@@ -137,19 +123,7 @@ def read_netcdf(path: str | Path) -> EstimateResult:
         InputError: no such file, or one that is foreign, truncated or damaged.
     """
     path = Path(path)
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        found = error.strerror or str(error)
-        raise InputError(f"a file that cannot be read ({found})", FORMAT, file=path) from error
-    body, seal = raw[:-_SEAL_LENGTH], raw[-_SEAL_LENGTH:]
-    expected = _SEAL + hashlib.sha256(body).hexdigest().encode() + b"\n"
-    if not raw.startswith(_SIGNATURE) or seal != expected:
-        raise InputError(
-            "a file of another make, truncated or damaged (its checksum is wrong)",
-            f"a {FORMAT}",
-            file=path,
-        )
+    body = read_sealed(path, f"a {FORMAT}")
     import xarray
 
     try:
@@ -203,38 +177,13 @@ def write_csv(result: EstimateResult, path: str | Path) -> Path:
                 rest = (result.residual[s, c, w], np.nan, np.nan, np.nan)
                 rows.append(_row(wavelength, sample, f"residual_{capture}", rest, "", alone))
     text = "\n".join(rows) + "\n"
-    return _replaced(Path(path), lambda temporary: Path(temporary).write_bytes(text.encode()))
+    return write_atomically(Path(path), text.encode())
 
 
 def _row(wavelength: float, sample: str, name: str, numbers: Any, known: str, status: str) -> str:
     quoted = f'"{sample.replace(chr(34), chr(34) * 2)}"' if set(sample) & set(',"\n\r') else sample
     cells = ["" if not np.isfinite(number) else repr(float(number)) for number in numbers]
     return ",".join([repr(float(wavelength)), quoted, name, *cells, known, status])
-
-
-def _replaced(path: Path, fill: Any) -> Path:
-    temporary = ""
-    try:
-        handle, temporary = tempfile.mkstemp(
-            prefix=f".{path.name}.", suffix=".tmp", dir=path.parent
-        )
-        os.close(handle)
-        fill(temporary)
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(
-            f"a place that cannot be written ({error.strerror or error})",
-            "a folder that exists and is writable",
-            file=path,
-        ) from error
-    finally:
-        if temporary:
-            with contextlib.suppress(FileNotFoundError):
-                os.unlink(temporary)
-    return path
 
 
 def _result(root: Dataset, samples: Dataset, attributes: Any) -> EstimateResult:

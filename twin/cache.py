@@ -6,7 +6,6 @@ import hashlib
 import io
 import json
 import os
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 import platformdirs
 
 from twin.errors import InputError
+from twin.files import write_atomically
 from twin.spectra import FloatArray
 
 MAGIC = b"benchtwin arrays 1\n"
@@ -33,30 +33,6 @@ def content_key(described: Mapping[str, object]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def write_atomically(path: Path, payload: bytes) -> None:
-    """Write a whole file or nothing.
-
-    Raises:
-        InputError: the folder cannot be written.
-    """
-    temporary = ""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=".")
-        with os.fdopen(descriptor, "wb") as handle:
-            handle.write(payload)
-        os.replace(temporary, path)
-    except OSError as error:
-        if temporary:
-            Path(temporary).unlink(missing_ok=True)
-        raise InputError(
-            error.strerror or str(error),
-            "a folder that can be written",
-            file=path,
-            remedy="Choose another folder, or free space on the disk",
-        ) from error
-
-
 def store_arrays(path: Path, arrays: Mapping[str, FloatArray]) -> None:
     """Write arrays with a checksum, atomically; the same arrays give the same bytes.
 
@@ -68,6 +44,12 @@ def store_arrays(path: Path, arrays: Mapping[str, FloatArray]) -> None:
     np.savez(buffer, **ordered)
     payload = buffer.getvalue()
     digest = hashlib.sha256(payload).hexdigest().encode()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            error.strerror or str(error), "a cache folder that can be written", file=path.parent
+        ) from error
     write_atomically(path, MAGIC + digest + b"\n" + payload)
 
 

@@ -1,10 +1,10 @@
 """Local regression along one axis of a Monte Carlo table, with its standard error.
 
 Neighbouring values of sigma_t are simulated with independent random numbers, while the true
-intensity is a smooth function of ln sigma_t. A local cubic over nine neighbours (Savitzky and
-Golay 1964) therefore halves the standard error; at the ends the window is one-sided and the
-gain fades. A curve is first divided by its own smoothed exponential, so that steep curves
-(unscattered light falls by orders of magnitude) are as flat as noise when they are averaged.
+intensity is a smooth function of ln sigma_t. A local cubic over eleven neighbours (Savitzky
+and Golay 1964) therefore more than halves the standard error; at the ends the window is
+one-sided and the gain fades. A curve is first divided by its own smoothed exponential, so that
+steep curves (unscattered light falls by orders of magnitude) are flat when they are averaged.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 
 from twin.spectra import FloatArray
 
-WINDOW = 9
+WINDOW = 11
 DEGREE = 3
-COARSEST = 0.13  # spacing in ln sigma_t up to which a window of nine is short against the shape
+COARSEST = 0.13  # spacing in ln sigma_t up to which a window of eleven is short against the shape
 ROUGH = 0.25  # jitter of ln f beyond which a curve is noise, not shape, and is left alone
 
 
@@ -31,7 +31,7 @@ def fine_enough(sigma_t: FloatArray) -> bool:
 def smoothing_matrix(count: int) -> FloatArray:
     """Weights of the local cubic for `count` evenly spaced points, shape (count, count).
 
-    Fewer than nine points are left as they are (identity).
+    Fewer than eleven points are left as they are (identity).
     """
     if count < WINDOW:
         return np.eye(count)

@@ -81,8 +81,8 @@ class Captures:
         wavelength = _wavelengths(self.wavelength_nm)
         if self.light_se is not None:
             error = np.asarray(self.light_se, dtype=np.float64)
-            shape = (len(error), len(SAMPLE_CAPTURES), wavelength.size)
-            error = _shaped("light_se", error, shape)
+            expected = (len(error), len(SAMPLE_CAPTURES), wavelength.size)
+            error = _shaped("light_se", error, expected)
             if not np.all(error >= 0.0):
                 raise InputError("light_se below 0 or no number", "standard errors of 0 or more")
             _set(self, "light_se", error)
@@ -340,7 +340,7 @@ def _wavelengths(value: FloatArray) -> FloatArray:
     return wavelength
 
 
-def _shaped(name: str, value: FloatArray, shape: tuple[int, int]) -> FloatArray:
+def _shaped(name: str, value: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     array = np.array(value, dtype=np.float64)
     if array.shape != shape:
         raise InputError(f"{name} of shape {array.shape}", f"shape {shape}")

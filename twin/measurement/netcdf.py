@@ -7,11 +7,8 @@ library can run for minutes on a file with a few damaged bytes.
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
-import os
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +16,7 @@ import numpy as np
 
 from twin.bench import Bench, Sample
 from twin.errors import InputError
+from twin.files import read_sealed, write_sealed_tree
 from twin.measurement.model import (
     Captures,
     Measurement,
@@ -36,9 +34,6 @@ if TYPE_CHECKING:
 FORMAT = "benchtwin measurement"
 FORMAT_VERSION = 1
 
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_SEAL = b"\nbenchtwin-sha256:"
-_SEAL_LENGTH = len(_SEAL) + 64 + 1
 _SHOT_UNITS = {"integration_s": "s", "averages": "1", "time_s": "s", "gain": "1", "repeat": "1"}
 _TRUTH_UNITS = {"albedo": "1", "sigma_t_per_mm": "1/mm", "g": "1"}
 
@@ -49,30 +44,7 @@ def write_measurement(measurement: Measurement, path: str | Path) -> Path:
     Raises:
         InputError: the folder cannot be written.
     """
-    path = Path(path)
-    temporary = ""
-    try:
-        handle, temporary = tempfile.mkstemp(
-            prefix=f".{path.name}.", suffix=".tmp", dir=path.parent
-        )
-        os.close(handle)
-        _tree(measurement).to_netcdf(temporary, engine="h5netcdf", format="NETCDF4")
-        with open(temporary, "r+b") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-            file.seek(0, os.SEEK_END)
-            file.write(_SEAL + digest.encode() + b"\n")
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(
-            f"a place that cannot be written ({error.strerror or error})",
-            "a folder that exists and is writable",
-            file=path,
-        ) from error
-    finally:
-        if temporary and os.path.exists(temporary):
-            os.unlink(temporary)
-    return path
+    return write_sealed_tree(_tree(measurement), Path(path))
 
 
 def read_netcdf(path: str | Path) -> Measurement:
@@ -82,15 +54,7 @@ def read_netcdf(path: str | Path) -> Measurement:
         InputError: no such file, or one that is foreign, truncated or damaged.
     """
     path = Path(path)
-    try:
-        raw = path.read_bytes()
-    except FileNotFoundError as error:
-        raise InputError("no such file", "a measurement", file=path) from error
-    except OSError as error:
-        raise InputError(
-            f"a file that cannot be read ({error.strerror})", "a measurement", file=path
-        ) from error
-    body = _unsealed(raw, path)
+    body = read_sealed(path, "a measurement")
 
     import xarray
 
@@ -109,40 +73,6 @@ def read_netcdf(path: str | Path) -> Measurement:
             f"a {FORMAT} of version {FORMAT_VERSION}",
             file=path,
         ) from error
-
-
-def _unsealed(raw: bytes, path: Path) -> bytes:
-    """The netCDF-4 bytes inside a file, once their checksum is right."""
-    if not raw.startswith(_SIGNATURE):
-        start = raw[:8].hex(" ") if raw else "nothing"
-        raise InputError(
-            f"a file that is not netCDF-4 (it begins with {start})",
-            "a measurement written by benchtwin, or a folder",
-            file=path,
-        )
-    body, seal = raw[:-_SEAL_LENGTH], raw[-_SEAL_LENGTH:]
-    if not (seal.startswith(_SEAL) and seal.endswith(b"\n")):
-        raise InputError(
-            "no checksum at the end",
-            "a measurement written by benchtwin",
-            file=path,
-            remedy="The file is truncated, or another program wrote it.",
-        )
-    digest = hashlib.sha256(body).hexdigest()
-    if seal[len(_SEAL) : -1] != digest.encode():
-        raise InputError(
-            f"a damaged file (its bytes have the checksum {digest[:12]}...)",
-            f"the checksum {seal[len(_SEAL) : -1].decode('ascii', 'replace')[:12]}...",
-            file=path,
-            remedy="Take it from a copy.",
-        )
-    return body
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def _text(value: str) -> tuple[tuple[()], Any]:

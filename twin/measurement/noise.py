@@ -221,9 +221,10 @@ def _excess(groups: tuple[Group, ...], darks: FloatArray, bench: Bench) -> str:
         expected = expected + _flicker(bench, len(group.shots)) * (group.mean - dark) ** 2
         use = group.valid & (expected > 0)
         ratios.append(group.scatter[use] / expected[use])
-    if not ratios:
+    together = np.concatenate(ratios) if ratios else np.empty(0)
+    if not together.size:
         return ""
-    ratio = float(np.sqrt(np.mean(np.concatenate(ratios))))
+    ratio = float(np.sqrt(np.mean(together)))
     if ratio < 2.0:
         return ""
     return f"repeats scatter {ratio:.1f} times as much as the described instrument should"
@@ -299,7 +300,8 @@ def _from_repeats(measurement: Measurement, groups: tuple[Group, ...], darks: Fl
     # the beta-divergence", beta = 0). Least squares would need weights it does not know yet.
     coefficients = found.mean() / np.maximum(design.mean(axis=0), 1e-300) / design.shape[1]
     for _ in range(FIT_STEPS):
-        expected = design @ coefficients
+        # readings of exactly 0 counts let a coefficient die; their variance stays above 0
+        expected = np.maximum(design @ coefficients, 1e-9 * found.mean())
         up = design.T @ (freedom * found / expected**2)
         down = design.T @ (freedom / expected)
         coefficients = coefficients * np.sqrt(up / np.maximum(down, 1e-300))

@@ -18,15 +18,16 @@ TWO_PI = wp.constant(6.283185307179586)
 
 vec8 = wp.types.vector(length=8, dtype=wp.float32)
 
-# fractions of the golden ratio and of sqrt(2, 3, 7, 11, 13, 17, 19) times 2**32, signed
+# the golden ratio's fraction, then odd numbers searched for evenness of every pair of
+# coordinates; times 2**32, signed
 STEP_0 = wp.constant(-1640531527)
-STEP_1 = wp.constant(1779033703)
-STEP_2 = wp.constant(-1150833019)
-STEP_3 = wp.constant(-1521486534)
-STEP_4 = wp.constant(1359893119)
-STEP_5 = wp.constant(-1694144372)
-STEP_6 = wp.constant(528734635)
-STEP_7 = wp.constant(1541459225)
+STEP_1 = wp.constant(1812432103)
+STEP_2 = wp.constant(1204883107)
+STEP_3 = wp.constant(1779620671)
+STEP_4 = wp.constant(1552595469)
+STEP_5 = wp.constant(1798576933)
+STEP_6 = wp.constant(1627687145)
+STEP_7 = wp.constant(1182439219)
 
 
 @wp.func
@@ -83,7 +84,8 @@ def kronecker_coordinate(index: int, step: int, shift: float) -> float:
 def kronecker(index: int, shift: vec8) -> vec8:
     """Point of a shifted Kronecker sequence (Niederreiter 1992, section 3.1).
 
-    Its steps are the fractions of the golden ratio and of square roots of primes.
+    The first step is the fraction of the golden ratio; the others were searched, since square
+    roots of primes hold a trap: 6 sqrt(13) - 2 sqrt(11) is nearly a whole number.
     """
     out = vec8()
     out[0] = kronecker_coordinate(index, STEP_0, shift[0])

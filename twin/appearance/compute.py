@@ -21,7 +21,7 @@ from twin.transport.engine import BLACK, WHITE, bounce_bins, mean_and_error
 from twin.transport.geometry import beam_reference_share, beam_setup, panels_setup
 from twin.transport.tables import FlatStack
 
-MAP_VERSION = 4
+MAP_VERSION = 5
 NOMINAL_NM = 550.0
 BLOCKS = 32
 
@@ -125,7 +125,8 @@ def appearance_map(
     }
     arrays["exponent"] = slabs[0]["exponent"]
     if fine_enough(np.array(grid.sigma_t_per_mm)):
-        _smooth(arrays, _nominal_rho(bench))
+        step = float(np.log(grid.sigma_t_per_mm[1] / grid.sigma_t_per_mm[0]))
+        _smooth(arrays, _nominal_rho(bench), step)
     arrays["albedo"], arrays["sigma_t"] = np.array(grid.albedo), np.array(grid.sigma_t_per_mm)
     arrays["g"], arrays["sample"] = np.array(grid.g), np.array([thickness_mm, n])
     store_arrays(path, arrays)
@@ -143,21 +144,21 @@ def _nominal_rho(bench: Bench) -> tuple[float, float]:
     )
 
 
-def _smooth(arrays: dict[str, FloatArray], rho: tuple[float, float]) -> None:
+def _smooth(arrays: dict[str, FloatArray], rho: tuple[float, float], step: float) -> None:
     """Replace black and white by their local regression over ln sigma_t, errors included.
 
     The collimated capture is left alone: its unscattered part is exact already.
     """
     for name, reflects in (("black", rho[0]), ("white", rho[1])):
         before = arrays[name]
-        arrays[name], use = smoothed(before)
+        arrays[name], use = smoothed(before, step)
         powers = reflects ** arrays["exponent"]
         total, total_after = before @ powers, arrays[name] @ powers
         # an error is halved only where all but 1 % of the light was smoothed
         kept = np.where(use, 0.0, np.abs(before)) @ powers <= 0.01 * total
         lit = total > 0.0
         relative = np.where(lit, arrays[f"{name}_se"] / np.where(lit, total, 1.0), 0.0)
-        arrays[f"{name}_se"] = smoothed_error(relative, kept) * total_after
+        arrays[f"{name}_se"] = smoothed_error(relative, kept, step) * total_after
 
 
 def _slab(

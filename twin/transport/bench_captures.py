@@ -56,7 +56,20 @@ class NoiselessCaptures:
 def flat_stacks(
     bench: Bench, sample: Sample, wavelength_nm: FloatArray, properties: OpticalProperties
 ) -> list[FlatStack]:
-    """The stack at every wavelength, the sample's albedo left free."""
+    """The stack at every wavelength, the sample's albedo left free.
+
+    Args:
+        bench: gives the covers.
+        sample: gives thickness [mm] and refractive index.
+        wavelength_nm: wavelengths [nm], shape (W,).
+        properties: sigma_t [1/mm] and g of the sample, shape (W,) each.
+
+    Returns:
+        W stacks of L layers each.
+
+    Raises:
+        InputError: a refractive index below 1, or a spectrum that does not cover a wavelength.
+    """
     layers = stack_of(bench, sample, None)
     counted = len(bench.covers_above)
     n = np.array([refractive_index(layer.n, wavelength_nm) for layer in layers])

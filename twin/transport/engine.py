@@ -160,7 +160,14 @@ class Tallies:
 
 
 def mean_and_error(blocks: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean over the first axis and its standard error from the spread of the blocks."""
+    """Mean over the first axis and its standard error from the spread of the blocks.
+
+    Args:
+        blocks: shape (N, ...), N independent estimates.
+
+    Returns:
+        (mean, standard error), shape (...) each.
+    """
     count = blocks.shape[0]
     return blocks.mean(axis=0), blocks.std(axis=0, ddof=1) / np.sqrt(count)
 

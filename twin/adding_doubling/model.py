@@ -1,0 +1,480 @@
+"""Differentiable captures of a bench, built once and evaluated thousands of times."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import ArrayLike
+
+from twin.adding_doubling.faces import Window, cosine_inside, inside, specular, window
+from twin.adding_doubling.layer import THINNEST, admittance, layer_modes, polynomials, respond
+from twin.adding_doubling.panels import panel_light, plane_factors
+from twin.adding_doubling.phase import (
+    delta_m,
+    from_moments,
+    henyey_greenstein,
+    henyey_greenstein_moments,
+    high_moments,
+)
+from twin.adding_doubling.single import Ray, reflected_once
+from twin.adding_doubling.slab import TAIL_ORDERS, cone_share
+from twin.adding_doubling.streams import (
+    Streams,
+    cone_average,
+    interpolation,
+    legendre_cone,
+    make_streams,
+)
+from twin.bench import Bench, Sample
+from twin.errors import InputError
+from twin.materials import optical_properties, reflectance, refractive_index
+from twin.spectra import FloatArray
+
+BLACK, WHITE, COLLIMATED = range(3)
+DERIVED = ("albedo", "sigma_t_per_mm", "g")
+
+
+class Parameters(NamedTuple):
+    """What a model is evaluated at; W wavelengths, S samples.
+
+    Attributes:
+        albedo: single-scattering albedo, (W,); sigma_t_per_mm: extinction coefficient
+        [1/mm], (W,); g: anisotropy factor, (W,).
+        n: refractive index of the sample, (W,).
+        thickness_mm: [mm], (S,).
+        rho_black, rho_white: reflectances of the backgrounds, (W,).
+    """
+
+    albedo: Any
+    sigma_t_per_mm: Any
+    g: Any
+    n: Any
+    thickness_mm: Any
+    rho_black: Any
+    rho_white: Any
+
+
+class Surroundings(NamedTuple):
+    """Constants by wavelength: covers (W, C) from the air inwards, cone (W, K), moments (W, M)."""
+
+    above_n: Any
+    above_depth: Any
+    below_n: Any
+    below_depth: Any
+    cone_cosine: Any
+    cone_low: Any
+    cone_low_slope: Any
+    cone_high: Any
+    cone_high_slope: Any
+    moments: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """Constants of all wavelengths: streams, detector, panels, planes."""
+
+    streams: Streams
+    detector: FloatArray
+    panel_share: FloatArray
+    panel_cosine: FloatArray
+    panel_streams: FloatArray
+    planes: FloatArray
+    thickness_mm: FloatArray
+    cone_cosine: float
+    tabulated: bool
+    contact: bool
+    mirrored: bool
+
+
+def _phase_of(geometry: Geometry, g: Array, moments: Array, cosine: Array) -> Array:
+    if geometry.tabulated:
+        return from_moments(moments, cosine)
+    return henyey_greenstein(g, cosine)
+
+
+def _one(parameters: Parameters, around: Surroundings, geometry: Geometry) -> Array:
+    """Captures at one wavelength, shape (S, 3)."""
+    streams, g, n = geometry.streams, parameters.g, parameters.n
+    first, orders = streams.trapped, streams.orders
+    air, normal = slice(first, None), streams.normal
+    here = inside(streams, n)
+    panel_air = jnp.asarray(geometry.panel_cosine)
+    panel_mu = cosine_inside(n, panel_air)
+    count = here.cosine.shape[0]
+    cosine = jnp.concatenate([here.cosine, panel_mu])
+    air_cosine = jnp.concatenate([here.air_cosine, panel_air])
+    top_all = window(n, around.above_n, around.above_depth, cosine, air_cosine)
+    bottom_all = (
+        top_all
+        if geometry.mirrored
+        else window(n, around.below_n, around.below_depth, cosine, air_cosine)
+    )
+    top, bottom = _part(top_all, slice(0, count)), _part(bottom_all, slice(0, count))
+    if geometry.tabulated:
+        moments, tail = around.moments[: orders + 1], around.moments[orders:]
+    else:
+        moments = henyey_greenstein_moments(g, orders + 1)
+        tail = high_moments(g, orders, TAIL_ORDERS - orders)
+    scaled = delta_m(parameters.albedo, moments)
+    polynomial = polynomials(here, orders)
+    layer = layer_modes(here, polynomial, scaled.albedo, scaled.moments)
+    root = here.root_weight * jnp.sqrt(here.cosine)
+    flux_top = jnp.zeros(count).at[air].set(jnp.asarray(geometry.detector))
+    drive_top = jnp.where(root > 0.0, top.through / jnp.where(root > 0.0, root, 1.0), 0.0)
+    drive_top = drive_top * flux_top
+    lambert = 2.0 * jnp.asarray(streams.air_weight * streams.air_cosine)
+    top_admittance = admittance(layer, top.inside)
+
+    # phase function between the normal and every stream, as the streams see it
+    strength = (2.0 * jnp.arange(orders) + 1.0) * scaled.moments
+    turned = strength * (1.0 - 2.0 * (jnp.arange(orders) % 2))
+    weighted = polynomial[:, air] * polynomial[:, first + normal][:, None]
+    seen_back, seen_ahead = turned @ weighted, strength @ weighted
+    sharpness = 1.0 / (1.0 - scaled.peak)
+    true_back = _phase_of(geometry, g, around.moments, -panel_mu) * sharpness
+    true_ahead = _phase_of(geometry, g, around.moments, panel_mu) * sharpness
+
+    # far orders of the cone's coefficients move with n to first order
+    moved = jnp.sqrt(1.0 - (1.0 - geometry.cone_cosine**2) / n**2) - around.cone_cosine
+    low = around.cone_low + around.cone_low_slope * moved
+    high = around.cone_high + around.cone_high_slope * moved
+
+    def system(below: Window) -> Any:
+        """Responses to the detector's directions from above and to diffuse light from below."""
+        if geometry.contact and below is not bottom:
+            flux_below = root**2
+        else:
+            flux_below = root**2 * (here.air_cosine > 0.0)
+        flux_below = flux_below / jnp.sum(flux_below)
+        passed = below.through / jnp.where(root > 0.0, root, 1.0)
+        drive_below = jnp.where(root > 0.0, passed, 0.0) * flux_below
+        zero = jnp.zeros_like(root)
+        from_top = jnp.stack([2.0 * drive_top / (1.0 + top.inside), zero], axis=1)
+        from_below = jnp.stack([zero, 2.0 * drive_below / (1.0 + below.inside)], axis=1)
+        other = None
+        if not (geometry.mirrored and below is bottom):
+            other = admittance(layer, below.inside)
+
+        def at(depth: Array) -> tuple[Array, Array, Array]:
+            s_top, s_bottom = respond(layer, top_admittance, other, depth, from_top, from_below)
+            up = s_top - jnp.stack([drive_top, zero], axis=1)
+            up = (top.through * root / (1.0 + top.inside))[:, None] * up
+            down = s_bottom - jnp.stack([zero, drive_below], axis=1)
+            down = (below.through * root / (1.0 + below.inside))[:, None] * down
+            returned = jnp.sum(down[:, 1] + below.outside * flux_below)
+            return up, down, returned
+
+        return at
+
+    through_air = system(bottom)
+    open_below = Window(jnp.zeros_like(root), jnp.ones_like(root), jnp.zeros_like(root))
+    backed = system(open_below) if geometry.contact else through_air
+    backed_bottom = open_below if geometry.contact else bottom
+    panel = slice(count, None)
+    nothing = jnp.zeros_like(panel_mu)
+    open_panel = Window(nothing, jnp.ones_like(nothing), nothing)
+    panel_below = open_panel if geometry.contact else _part(bottom_all, panel)
+    panel_top = _part(top_all, panel)
+    # diffuse light from below over the air's own: 1, or 1 / n^2 in optical contact
+    spread = 1.0 / jnp.sum(lambert)
+    if geometry.contact:
+        spread = root[first + normal] ** 2 / jnp.sum(root**2) / lambert[normal]
+
+    def sample(thickness: Array, plane: Array, nominal: Array) -> Array:
+        true_depth = parameters.sigma_t_per_mm * thickness
+        depth = scaled.shrink * true_depth + THINNEST
+        up, down, returned = backed(depth)
+        mirror, clear_backed = specular(top, backed_bottom, here.cosine, depth)
+        at = first + normal
+
+        def ray(values: Any) -> Ray:
+            return Ray(*values)
+
+        view = ray((here.cosine[at], top.through[at], top.inside[at], backed_bottom.inside[at]))
+        nodes = ray(
+            (here.cosine[air], top.through[air], top.inside[air], backed_bottom.inside[air])
+        )
+        lights = ray((panel_mu, panel_top.through, panel_top.inside, panel_below.inside))
+        common = (n, scaled.albedo, depth)
+        once_seen = reflected_once(nodes, view, *common, seen_back, seen_ahead)
+        once_true = reflected_once(lights, view, *common, true_back, true_ahead)
+        # single scattering is told exactly; only the smooth rest is interpolated to the panels
+        specular_part = (mirror - top.outside)[air] * flux_top[air]
+        smooth = (up[air, 0] - specular_part) / lambert - once_seen
+        direct = geometry.panel_streams @ smooth + geometry.panel_share @ once_true
+        received = jnp.sum(down[:, 0])
+        _, clear_panels = specular(panel_top, panel_below, panel_mu, depth)
+        scattered_up = up[air, 1] / lambert - spread * clear_backed[air]
+        sent = geometry.panel_streams @ scattered_up
+        sent = sent + spread * (geometry.panel_share @ clear_panels)
+        rho = jnp.stack([parameters.rho_black, parameters.rho_white])
+        diffuse = direct + sent * rho * received / (1.0 - rho * returned)
+        shift = thickness - nominal
+        height = jnp.exp(plane[0] + shift * (plane[1] + 0.5 * shift * plane[2]))
+        free_down = through_air(depth)[1] if geometry.contact else down
+        _, clear = specular(top, bottom, here.cosine, depth)
+        scattered = (free_down[at, 0] - clear[at] * flux_top[at]) / lambert[normal]
+        peak_light = cone_share(
+            top.through[at] * bottom.through[at], top.inside[at] * bottom.inside[at],
+            true_depth, parameters.albedo, scaled.peak, tail, low, high,
+        )  # fmt: skip
+        collimated = (1.0 - geometry.cone_cosine**2) * scattered + peak_light
+        return jnp.concatenate([height * diffuse, collimated[None]])
+
+    return jax.vmap(sample)(
+        parameters.thickness_mm, jnp.asarray(geometry.planes), jnp.asarray(geometry.thickness_mm)
+    )
+
+
+def _part(of: Window, where: slice) -> Window:
+    return Window(of.inside[where], of.through[where], of.outside[where])
+
+
+BY_WAVELENGTH = Parameters(0, 0, 0, 0, None, 0, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class CapturesModel:
+    """Black, white and collimated relative intensities of samples of one material.
+
+    Attributes:
+        wavelength_nm: [nm], (W,).
+        nominal: index, thicknesses and background reflectances of the bench; albedo, sigma_t
+            and g of the first sample's material, or NaN when it is unknown.
+        not_represented: what of this bench a plane-parallel stack cannot show.
+    """
+
+    wavelength_nm: FloatArray
+    nominal: Parameters
+    not_represented: tuple[str, ...]
+    _surroundings: Surroundings
+    _forward: Any
+    _jacobian: Any
+
+    def parameters(
+        self, albedo: ArrayLike, sigma_t_per_mm: ArrayLike, g: ArrayLike, **nuisances: ArrayLike
+    ) -> Parameters:
+        """Parameters with every array in its full shape; nuisances default to the nominal."""
+        given = self.nominal._replace(
+            albedo=albedo, sigma_t_per_mm=sigma_t_per_mm, g=g, **nuisances
+        )
+        return Parameters(
+            *(
+                np.broadcast_to(np.asarray(value, dtype=np.float64), np.shape(shape_of))
+                for value, shape_of in zip(given, self.nominal, strict=True)
+            )
+        )
+
+    def forward(self, parameters: Parameters) -> Array:
+        """Relative intensities, shape (W, S, 3): black, white, collimated.
+
+        A pure function of JAX arrays: it can be traced, differentiated both ways and batched.
+        """
+        return cast(Array, self._forward(parameters, self._surroundings))
+
+    def forward_and_jacobian(
+        self, parameters: Parameters, names: tuple[str, ...] = DERIVED
+    ) -> tuple[Array, Array]:
+        """`forward`, and its derivatives by the named parameters, shape (W, S, 3, names).
+
+        Each capture depends on its own wavelength and sample alone, so the derivative by a
+        parameter of shape (W,) or (S,) is taken for all of them at once. At an index of exactly
+        1 the critical angle appears, and the derivative by n means nothing.
+        """
+        return cast(
+            "tuple[Array, Array]", self._jacobian(parameters, self._surroundings, names=names)
+        )
+
+
+def captures_model(
+    bench: Bench,
+    samples: Sequence[Sample],
+    wavelength_nm: ArrayLike,
+    *,
+    streams: Streams | None = None,
+    moments: FloatArray | None = None,
+    contact: bool = False,
+) -> CapturesModel:
+    """A differentiable model of the bench for samples that differ in thickness alone.
+
+    Args:
+        bench: covers, panels, backgrounds, acceptance of the detector.
+        samples: S samples of one material with one refractive index.
+        wavelength_nm: [nm], shape (W,).
+        streams: quadrature; default 12 and 8 (0 for a sample of index 1): 1e-4 absolute for g
+            up to 0.9. `make_streams(16, 16)` reaches that up to 0.95.
+        moments: Legendre moments of a tabulated phase function, (M,) or (W, M), in place of g.
+        contact: the backgrounds touch the sample optically (no covers below, no air).
+
+    Raises:
+        InputError: samples of several indices, a scattering cover, or bad moments.
+    """
+    wavelength = np.atleast_1d(np.asarray(wavelength_nm, dtype=np.float64))
+    given = tuple(samples)
+    if not given:
+        raise InputError("no sample", "one sample or more", place="samples")
+    if any(sample.n != given[0].n for sample in given):
+        raise InputError(
+            "samples of several refractive indices", "one index", place="samples",
+            remedy="Build a model for each of them",
+        )  # fmt: skip
+    n = np.array(refractive_index(given[0].n, wavelength))
+    if np.any(n < 1.0):
+        raise InputError(f"a refractive index of {n.min():g}", "1 or more", place="n")
+    matched = bool(np.all(n == 1.0))
+    if streams is None:
+        streams = make_streams(18, 0) if matched else make_streams(12, 8)
+    if not streams.trapped and not matched:
+        raise InputError(
+            "streams without trapped ones for an index above 1", "trapped streams",
+            place="streams",
+        )  # fmt: skip
+    geometry, light = _geometry(bench, given, streams, moments is not None, contact)
+    around = _surroundings(bench, wavelength, n, geometry, moments)
+    forward = jax.vmap(
+        partial(_one, geometry=geometry), in_axes=(BY_WAVELENGTH, Surroundings(*[0] * 10))
+    )
+
+    def with_jacobian(
+        parameters: Parameters, around: Surroundings, names: tuple[str, ...]
+    ) -> tuple[Array, Array]:
+        own = {name: jnp.asarray(getattr(parameters, name)) for name in names}
+
+        def moved(values: dict[str, Array]) -> Array:
+            return forward(parameters._replace(**values), around)
+
+        # one pass forwards, and one linear pass for all names side by side
+        value, slope = jax.linearize(moved, own)
+        if not names:
+            return value, jnp.zeros((*value.shape, 0))
+        directions = {
+            name: jnp.zeros((len(names), *array.shape)).at[row].set(1.0)
+            for row, (name, array) in enumerate(own.items())
+        }
+        return value, jnp.moveaxis(jax.vmap(slope)(directions), 0, -1)
+
+    return CapturesModel(
+        wavelength,
+        _nominal(bench, given, wavelength, n),
+        not_represented(bench, light.highest),
+        around,
+        jax.jit(forward),
+        jax.jit(with_jacobian, static_argnames=("names",)),
+    )
+
+
+def _geometry(
+    bench: Bench, samples: tuple[Sample, ...], streams: Streams, tabulated: bool, contact: bool
+) -> tuple[Geometry, Any]:
+    light = panel_light(bench)
+    cone = math.cos(math.radians(bench.detector.acceptance_deg))
+    to_panels = light.share @ interpolation(streams.air_cosine, light.cosine)
+    mirrored = tuple(bench.covers_above) == tuple(reversed(bench.covers_below))
+    geometry = Geometry(
+        streams=streams,
+        detector=cone_average(streams, cone),
+        panel_share=light.share,
+        panel_cosine=light.cosine,
+        panel_streams=to_panels,
+        planes=plane_factors(bench, samples),
+        thickness_mm=np.array([sample.thickness_mm for sample in samples]),
+        cone_cosine=cone,
+        tabulated=tabulated,
+        contact=contact,
+        mirrored=mirrored,
+    )
+    return geometry, light
+
+
+def _surroundings(
+    bench: Bench,
+    wavelength: FloatArray,
+    n: FloatArray,
+    geometry: Geometry,
+    moments: FloatArray | None,
+) -> Surroundings:
+    count = len(wavelength)
+
+    def covers(layers: Sequence[Any]) -> tuple[FloatArray, FloatArray]:
+        index, depth = np.empty((2, count, len(layers)))
+        for number, layer in enumerate(layers):
+            index[:, number] = refractive_index(layer.n, wavelength)
+            depth[:, number] = 0.0
+            if layer.medium is not None:
+                own = optical_properties(layer.medium, wavelength)
+                if np.any(own.albedo * own.sigma_t_per_mm > 0.0):
+                    raise InputError(
+                        "a cover that scatters", "clear or absorbing covers", place="covers",
+                        remedy="Use the Monte Carlo (twin.transport.captures)",
+                    )  # fmt: skip
+                depth[:, number] = own.sigma_t_per_mm * layer.thickness_mm
+        return index, depth
+
+    above_n, above_depth = covers(bench.covers_above)
+    below_n, below_depth = covers(tuple(reversed(bench.covers_below)))
+    orders = geometry.streams.orders
+    x = np.sqrt(1.0 - (1.0 - geometry.cone_cosine**2) / n**2)
+    value, slope = legendre_cone(x, TAIL_ORDERS)
+    table = np.zeros((count, TAIL_ORDERS))
+    if moments is not None:
+        own_moments = np.asarray(moments, dtype=np.float64)
+        known = own_moments.shape[-1]
+        if (
+            own_moments.ndim > 2
+            or not 1 <= known <= TAIL_ORDERS
+            or np.any(np.abs(own_moments[..., 0] - 1.0) > 1e-9)
+        ):
+            raise InputError(
+                f"moments of shape {own_moments.shape}",
+                f"(M,) or (W, M) with M up to {TAIL_ORDERS}, the first of them 1",
+                place="moments",
+            )
+        table[:, :known] = own_moments
+    return Surroundings(
+        above_n, above_depth, below_n, below_depth, x,
+        value[:, :orders].sum(axis=1), slope[:, :orders].sum(axis=1),
+        value[:, orders:], slope[:, orders:], table,
+    )  # fmt: skip
+
+
+def _nominal(
+    bench: Bench, samples: tuple[Sample, ...], wavelength: FloatArray, n: FloatArray
+) -> Parameters:
+    unknown = np.full(len(wavelength), np.nan)
+    own = (unknown, unknown, unknown)
+    if samples[0].material is not None:
+        known = optical_properties(samples[0].material, wavelength)
+        own = (known.albedo, known.sigma_t_per_mm, known.g)
+    return Parameters(
+        *own,
+        n,
+        np.array([sample.thickness_mm for sample in samples]),
+        reflectance(bench.background.black.reflectance, wavelength),
+        reflectance(bench.background.white.reflectance, wavelength),
+    )
+
+
+def not_represented(bench: Bench, highest_cosine: float) -> tuple[str, ...]:
+    """What of a bench a plane-parallel stack cannot show, in words."""
+    said = [
+        f"backgrounds of finite size behind a gap of {bench.background.gap_mm:g} mm: "
+        "an unbounded plane stands for them",
+        f"the detector's spots ({bench.detector.spot_panels_mm:g} and "
+        f"{bench.detector.spot_beam_mm:g} mm): scattered light is collected from all of the face",
+    ]
+    if bench.size_mm is not None:
+        width, length = bench.size_mm
+        said.insert(0, f"light lost at the sides of a sample of {width:g} x {length:g} mm")
+    if bench.beam.divergence_deg > 0.0:
+        said.append(f"the beam's divergence of {bench.beam.divergence_deg:g} degrees")
+    if highest_cosine > math.cos(math.radians(bench.detector.acceptance_deg)):
+        said.append("the mirror image of a panel inside the detector's acceptance")
+    return tuple(said)

@@ -10,6 +10,7 @@ where `make(model: BenchModel, **settings) -> Estimator`.
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
@@ -17,6 +18,7 @@ from typing import Any
 
 from estimators.protocol import BenchModel, Estimator
 from twin.errors import InputError
+from twin.toml import near_misses
 
 GROUP = "benchtwin.estimators"
 Factory = Callable[..., Estimator]
@@ -44,6 +46,25 @@ def _beer(model: BenchModel, **settings: Any) -> Estimator:
 
 
 _OURS: dict[str, Factory] = {"lut": _lut, "lut-seed": _lut_seed, "beer": _beer}
+
+
+def _lut_options() -> frozenset[str]:
+    from estimators.lut_settings import LutSettings
+
+    return frozenset(field.name for field in dataclasses.fields(LutSettings))
+
+
+def _beer_options() -> frozenset[str]:
+    from estimators.beer import BeerSettings
+
+    return frozenset(field.name for field in dataclasses.fields(BeerSettings))
+
+
+_OPTIONS: dict[str, Callable[[], frozenset[str]]] = {
+    "lut": _lut_options,
+    "lut-seed": _lut_options,
+    "beer": _beer_options,
+}
 
 
 def names() -> tuple[str, ...]:
@@ -84,6 +105,15 @@ def estimator(name: str, model: BenchModel, **settings: Any) -> Estimator:
             place="estimator",
             remedy=f'Did you mean "{close[0]}"?' if close else "",
         )
+    known = _OPTIONS.get(name)
+    for option in settings:
+        if known is not None and option not in known():
+            raise InputError(
+                f"the unknown option `{option}` of {name}",
+                f"one of {', '.join(sorted(known()))}",
+                place="estimator.options",
+                remedy=near_misses(option, sorted(known())),
+            )
     try:
         made = factory(model, **settings)
     except TypeError as error:

@@ -93,9 +93,9 @@ def _guarded(command: Callable[..., dict[str, Any]]) -> Callable[..., None]:
                 print(json.dumps({"error": _error_fields(error)}, ensure_ascii=False))
             raise typer.Exit(EXIT_INPUT) from None
         except KeyboardInterrupt:
+            again = "the same command" + (" with --resume" if "resume" in kwargs else "")
             print(
-                "benchtwin: interrupted. What was finished is kept; the same command with"
-                " --resume goes on from there.",
+                f"benchtwin: interrupted. What was finished is kept; {again} goes on from there.",
                 file=sys.stderr,
             )
             raise typer.Exit(EXIT_INTERRUPTED) from None

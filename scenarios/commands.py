@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +12,14 @@ import numpy as np
 from scenarios.console import Console
 from scenarios.outputs import canonical_json, file_digest, prepare_folder
 from scenarios.pipeline import Estimated, appearance_maps, check_estimator, estimate_measurement
-from scenarios.scenario import EstimatorChoice, Scenario, load_scenario, scenario_name
-from scenarios.simulate import simulate_visit, software
+from scenarios.scenario import (
+    EstimatorChoice,
+    Scenario,
+    builtin_names,
+    load_scenario,
+    scenario_name,
+)
+from scenarios.simulate import check_cover, simulate_visit, software
 from scenarios.summary import summary_of
 from twin.errors import InputError
 from twin.files import write_atomically
@@ -41,18 +48,18 @@ def run_scenario(
     Raises:
         InputError: the scenario or the output folder cannot be used.
     """
-    scenario = load_scenario(name).settled(seed=seed, quick=quick)
-    check_estimator(scenario.estimator)
-    folder, cache = _folder(out, name), _cache(cache)
-    measurement = _visit(scenario, folder, threads=threads, resume=resume, console=console)
-    estimated = estimate_measurement(
-        measurement,
-        scenario.estimator,
-        settings=scenario.map,
-        cache=cache,
-        threads=threads,
-        console=console,
-    )
+    scenario = _ready(name, seed=seed, quick=quick)
+    cache, folder = _cache(cache), _folder(out, name)
+    with _said_of(name):
+        measurement = _visit(scenario, folder, threads=threads, resume=resume, console=console)
+        estimated = estimate_measurement(
+            measurement,
+            scenario.estimator,
+            settings=scenario.map,
+            cache=cache,
+            threads=threads,
+            console=console,
+        )
     return _write(folder, measurement, estimated, scenario, scenario_name(name), console)
 
 
@@ -73,9 +80,10 @@ def simulate_scenario(
     """
     from scenarios.describe import measurement_facts
 
-    scenario = load_scenario(name).settled(seed=seed, quick=quick)
+    scenario = _ready(name, seed=seed, quick=quick)
     folder = _folder(out, name)
-    measurement = _visit(scenario, folder, threads=threads, resume=resume, console=console)
+    with _said_of(name):
+        measurement = _visit(scenario, folder, threads=threads, resume=resume, console=console)
     return {
         "command": "simulate",
         "scenario": scenario_name(name),
@@ -113,9 +121,9 @@ def estimate_file(
     scenario = scenario.model_copy(update={"estimator": choice})
     check_estimator(choice)
     measurement = read_measurement(path)
-    folder = prepare_folder(out or Path(f"benchtwin-{path.resolve().stem}-estimate"))
     cache = _cache(cache)
-    try:
+    folder = prepare_folder(out or Path(f"benchtwin-{path.resolve().stem}-estimate"))
+    with _said_of(path):
         estimated = estimate_measurement(
             measurement,
             choice,
@@ -124,8 +132,6 @@ def estimate_file(
             threads=threads,
             console=console,
         )
-    except InputError as error:
-        raise (error if error.file else error.at(path)) from error
     return _write(folder, measurement, estimated, scenario, None, console)
 
 
@@ -165,6 +171,27 @@ def compute_maps(
     }
 
 
+def _ready(name: str, *, seed: int | None, quick: bool) -> Scenario:
+    """The settled scenario, with everything checked that can be before the work starts."""
+    loaded = load_scenario(name)
+    scenario = loaded.settled(seed=seed, quick=quick)
+    with _said_of(name):
+        check_cover(scenario)
+        check_estimator(scenario.estimator)
+    return scenario
+
+
+@contextlib.contextmanager
+def _said_of(source: str | Path) -> Iterator[None]:
+    """A wrong input that names no file is said of the scenario or the measurement."""
+    try:
+        yield
+    except InputError as error:
+        builtin = source in builtin_names()
+        file = f"built-in scenario {source}" if builtin else source
+        raise (error if error.file else error.at(file)) from error
+
+
 def _folder(out: Path | None, name: str) -> Path:
     return prepare_folder(out or Path(f"benchtwin-{scenario_name(name)}"))
 
@@ -177,7 +204,7 @@ def _cache(folder: Path | None) -> Path:
         return prepare_folder(folder or cache_folder("maps"))
     except InputError as error:
         raise InputError(
-            "a cache folder that cannot be written",
+            error.found.replace("an output folder", "a cache folder"),
             error.expected,
             file=error.file,
             remedy="Name another folder with --cache, or set BENCHTWIN_CACHE.",
@@ -194,6 +221,7 @@ def _visit(
     if resume and path.exists():
         found = _same_visit(scenario, path, console)
         if found is not None:
+            _write_json(folder / SETTINGS, scenario.model_dump(mode="json"))
             return found
     with console.step("simulate the captures") as progress:
         measurement = simulate_visit(scenario, threads=threads, progress=progress)

@@ -88,7 +88,7 @@ def simulate_visit(
     scenario = scenario.settled(seed=seed, paths=paths)
     instrument = scenario.bench.instrument
     fine = fine_grid_nm(instrument)
-    _check_cover(scenario, fine)
+    check_cover(scenario)
     noiseless = _transport(scenario, threads, progress)
     rates = [_signals(scenario, number, fine, noiseless) for number in range(len(noiseless))]
     settings = [_settings(scenario, rates[0], own) for own in rates]
@@ -122,8 +122,15 @@ def software() -> str:
         return "benchtwin (not installed)"
 
 
-def _check_cover(scenario: Scenario, fine: FloatArray) -> None:
-    grid = scenario.wavelength
+def check_cover(scenario: Scenario) -> None:
+    """Check that light transport is computed wherever the instrument sees light.
+
+    Raises:
+        InputError: the wavelength grid is narrower.
+    """
+    from twin.instrument import fine_grid_nm
+
+    grid, fine = scenario.wavelength, fine_grid_nm(scenario.bench.instrument)
     if grid.start_nm > fine[0] + 1e-6 or grid.stop_nm < fine[-1] - 1e-6:
         raise InputError(
             f"{grid.start_nm:g} to {grid.stop_nm:g} nm",

@@ -17,13 +17,16 @@ def sentences(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
         elif _is_table(value):
             yield f"{indent}{key}"
             for row in value:
-                yield f"{indent}  {_row(row)}"
+                yield f"{indent}  {_text(row)}"
         else:
             yield f"{indent}{key:<{width}}  {_text(value)}"
 
 
 def _is_table(value: Any) -> bool:
-    return isinstance(value, Sequence) and bool(value) and isinstance(value[0], Mapping)
+    """Whether a list takes a line for each item: it holds tables, or sentences."""
+    if not isinstance(value, Sequence) or isinstance(value, str):
+        return False
+    return any(isinstance(item, Mapping) or " " in str(item) for item in value)
 
 
 def _row(row: Mapping[str, Any]) -> str:
@@ -37,6 +40,8 @@ def _text(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.4g}"
+    if isinstance(value, Mapping):
+        return _row(value)
     if isinstance(value, Sequence) and not isinstance(value, str):
         return ", ".join(_text(item) for item in value) or "-"
-    return str(value)
+    return str(value) or "-"

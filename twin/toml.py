@@ -166,7 +166,10 @@ def _describe(
     if kind == "missing":
         found = f"no key `{key}`" if isinstance(place[-1], str) else "a list that is too short"
         return found, "it to be there", ""
-    own = _OWN_MESSAGE.search(item["msg"]) if kind == "value_error" else None
+    # What was tried as a number, a name and a table, and is a table: only its own check matters.
+    tried = items if isinstance(item["input"], Mapping) else items[:1]
+    own_messages = [each["msg"] for each in tried if each["type"] == "value_error"]
+    own = _OWN_MESSAGE.search(own_messages[0]) if own_messages else None
     if own:
         return own["found"], own["expected"], ""
     expected = []

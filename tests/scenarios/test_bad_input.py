@@ -51,7 +51,7 @@ MISTAKES = {
     ),
     "table that decreases": (
         edited(bench__panel_spectrum={"wavelength_nm": [700.0, 400.0], "value": [1.0, 1.0]}),
-        ("bench.panel_spectrum", "400 nm after 700 nm"),
+        ("bench.panel_spectrum: found 400 nm after 700 nm; expected wavelengths that",),
     ),
     "lamp that does not overlap": (
         edited(bench__panel_spectrum={"wavelength_nm": [700.0, 900.0], "value": [1.0, 1.0]}),
@@ -75,7 +75,7 @@ MISTAKES = {
     ),
     "unknown option of the estimator": (
         edited(estimator={"name": "lut", "options": {"drawz": 3}}),
-        ("drawz",),
+        ("estimator.options", "`drawz`", "`draws`"),
     ),
     "a reference that saturates": (
         edited(protocol__exposure=50.0),
@@ -105,7 +105,8 @@ def test_a_wrong_scenario_is_found_before_the_work(
     monkeypatch.setattr("twin.transport.captures", must_not_run)
     scenario = write(tmp_path / "wrong.toml", MISTAKES[mistake][0])
     said = one_message(call("run", scenario, "--out", tmp_path / "out"))
-    assert "found" in said
+    assert said.startswith(f"benchtwin: {scenario}: ")
+    assert not (tmp_path / "out").exists()
 
 
 def must_not_run(*_: object, **__: object) -> None:
@@ -204,6 +205,7 @@ def test_a_cache_that_cannot_be_written_is_found_before_the_work(
         call("run", finished.scenario, "--out", tmp_path / "out", "--cache", tmp_path / "file/c")
     )
     assert "--cache" in said
+    assert not (tmp_path / "out").exists()
 
 
 def test_with_json_the_error_is_an_object_too(tmp_path: Path):

@@ -16,6 +16,7 @@ import pytest
 
 from scenarios.outputs import file_digest
 from scenarios.scenario import builtin_names
+from scenarios.wording import sentences
 from tests.scenarios.conftest import Run
 from tests.scenarios.tiny import answer, call, tiny, write
 
@@ -134,6 +135,34 @@ def test_resume_takes_the_measurement_of_the_same_scenario_only(finished: Run, t
     other = call("simulate", finished.scenario, "--out", tmp_path, "--resume", "--seed", 9)
     assert "another scenario, seed or version" in other.stderr
     assert json.loads((tmp_path / "scenario.json").read_text())["simulation"]["seed"] == 9
+
+
+def test_resume_writes_the_settings_that_an_interrupt_left_out(finished: Run, tmp_path: Path):
+    call("simulate", finished.scenario, "--out", tmp_path)
+    settings = (tmp_path / "scenario.json").read_bytes()
+    (tmp_path / "scenario.json").unlink()
+    resumed = call("simulate", finished.scenario, "--out", tmp_path, "--resume")
+    assert resumed.exit_code == 0, resumed.stderr
+    assert (tmp_path / "scenario.json").read_bytes() == settings
+
+
+def test_an_interrupt_names_resume_only_where_it_exists(monkeypatch: pytest.MonkeyPatch):
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("scenarios.describe.describe", interrupted)
+    monkeypatch.setattr("scenarios.commands.run_scenario", interrupted)
+    without, with_resume = call("inspect", "default"), call("run", "default")
+    assert without.exit_code == with_resume.exit_code == 130
+    assert "--resume" not in without.stderr
+    assert "--resume" in with_resume.stderr
+
+
+def test_messages_take_a_line_each_and_tables_are_no_python():
+    answer_ = {"messages": ["one thing, and", "another thing"], "maps": [{"g": {"count": 3}}]}
+    assert list(sentences(answer_ | {"origin": ""})) == [
+        "messages", "  one thing, and", "  another thing", "maps", "  g count 3", "origin    -",
+    ]  # fmt: skip
 
 
 def test_resume_simulates_again_when_the_measurement_is_damaged(finished: Run, tmp_path: Path):

@@ -98,7 +98,8 @@ def read_folder(path: str | Path) -> Measurement:
         spectra = captures if captures is not None else relative
         wavelength = spectra.wavelength_nm if spectra is not None else np.empty(0)
         bench = _with_grid(bench, described, wavelength, chosen.name)
-        _check_indices(samples, lines, wavelength, folder / "samples.csv")
+        _check_library_names(samples, lines, wavelength, folder / "samples.csv")
+        _check_spectra(bench, folder / "bench.toml")
         measurement = Measurement(
             bench=bench,
             samples=samples,
@@ -121,6 +122,8 @@ def read_folder(path: str | Path) -> Measurement:
 def _missing(folder: Path, name: str, expected: str) -> InputError:
     there = sorted(entry.name for entry in folder.iterdir())
     remedy = near_misses(name, [entry for entry in there if entry not in _FILES])
+    if "measurement.nc" in there:
+        remedy = f"A simulated visit is one file: name {folder / 'measurement.nc'}."
     return InputError(f"no {name}", expected, file=folder, remedy=remedy)
 
 
@@ -185,17 +188,56 @@ def _index(text: str, path: Path, place: str) -> float | str:
     return value
 
 
-def _check_indices(
+def _check_library_names(
     samples: tuple[Sample, ...], lines: list[int], wavelength_nm: FloatArray, path: Path
 ) -> None:
-    from twin.materials import refractive_index
+    from twin.materials import material, refractive_index
 
     for sample, line in zip(samples, lines, strict=True):
+        if isinstance(sample.material, str):
+            try:
+                material(sample.material)
+            except InputError as error:
+                raise error.at(path, f"line {line}, column material") from error
         if isinstance(sample.n, str):
             try:
                 refractive_index(sample.n, wavelength_nm)
             except InputError as error:
                 raise error.at(path, f"line {line}, column n") from error
+
+
+def _check_spectra(bench: Bench, path: Path) -> None:
+    """Names and reflectances of bench.toml; whether they cover the wavelengths is seen later."""
+    from twin.materials import names
+
+    white, black = bench.background.white.reflectance, bench.background.black.reflectance
+    for value, place, dark, expected in (
+        (white, "background.white.reflectance", False, "a reflectance above 0, up to 1"),
+        (black, "background.black.reflectance", True, "a reflectance of 0 to 1"),
+    ):
+        if isinstance(value, str) and value not in names("reflectance"):
+            raise InputError(
+                f"the reflectance {value!r}",
+                f"a number, a table, or one of {', '.join(names('reflectance'))}",
+                file=path,
+                place=place,
+                remedy=near_misses(value, names("reflectance")),
+            )
+        if isinstance(value, float) and not (0 < value <= 1 or (dark and value == 0)):
+            remedy = "Divide a value in per cent by 100." if value > 1 else ""
+            raise InputError(f"{value:g}", expected, file=path, place=place, remedy=remedy)
+    for place, lamp_name in (
+        ("panel_spectrum", bench.panel_spectrum),
+        ("beam.spectrum", bench.beam.spectrum),
+    ):
+        if isinstance(lamp_name, str) and lamp_name not in names("lamp"):
+            raise InputError(
+                f"the lamp {lamp_name!r}",
+                "a lamp of the library (benchtwin list lamps), a table or a number",
+                file=path,
+                place=place,
+                remedy=near_misses(lamp_name, names("lamp")),
+            )
 
 
 @dataclass

@@ -419,6 +419,37 @@ def test_not_utf8(counts: Path) -> None:
         read_measurement(counts)
 
 
+SPECTRA_OF_THE_BENCH = {
+    "background.white.reflectance: found 0; expected": ("reflectance = 0.99", "reflectance = 0.0"),
+    "background.white.reflectance: found 99; expected": ("reflectance = 0.99", "reflectance = 99"),
+    "background.white.reflectance: found the reflectance 'spectralo'": (
+        "reflectance = 0.99", 'reflectance = "spectralo"',
+    ),
+    "panel_spectrum: found the lamp 'led_cold_white'": ("led_cool_white", "led_cold_white"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("said", SPECTRA_OF_THE_BENCH)
+def test_spectra_of_the_bench(said: str, counts: Path) -> None:
+    _edit(counts / "bench.toml", lambda text: text.replace(*SPECTRA_OF_THE_BENCH[said]))
+    with pytest.raises(InputError, match=re.escape(f"bench.toml: {said}")):
+        read_measurement(counts)
+
+
+def test_an_unknown_true_material(counts: Path) -> None:
+    (counts / "samples.csv").write_text(
+        "name,thickness_mm,n,material\nteal-thin,0.5,1.5,demo_inc\nteal-thick,1,1.5,demo_ink\n"
+    )
+    with pytest.raises(InputError, match=r"line 2, column material: .*demo_ink"):
+        read_measurement(counts)
+
+
+def test_the_folder_of_a_simulated_visit_says_which_file_to_name(tmp_path: Path) -> None:
+    (tmp_path / "measurement.nc").write_bytes(b"")
+    with pytest.raises(InputError, match=r"name .*measurement\.nc"):
+        read_measurement(tmp_path)
+
+
 @pytest.mark.parametrize("name", ["bench.toml", "samples.csv", "captures.csv", "relative.csv"])
 @given(data=st.data())
 def test_any_bytes(

@@ -61,6 +61,18 @@ def to_datatree(result: EstimateResult) -> DataTree:
             ),
             "identifiable": (("wavelength", "parameter"), result.identifiable.astype(np.int8)),
             "status": ("wavelength", result.status, _FLAGS),
+            **(
+                {}
+                if result.draws is None
+                else {
+                    "draws": floats(
+                        ("draw", "wavelength", "parameter"),
+                        result.draws,
+                        "1, 1/mm, 1",
+                        "posterior draws of albedo, sigma_t and g",
+                    )
+                }
+            ),
         },
         coords={
             "wavelength_nm": floats("wavelength", result.wavelength_nm, "nm", "wavelength"),
@@ -104,7 +116,15 @@ def to_datatree(result: EstimateResult) -> DataTree:
         },
         coords={"capture": ("capture", np.array(CAPTURES, dtype=object))},
     )
-    return xarray.DataTree.from_dict({"/": root, "/samples": samples})
+    groups = {"/": root, "/samples": samples}
+    if result.statistics:
+        groups["/statistics"] = xarray.Dataset(
+            {
+                name: floats("wavelength", value, "1", name.replace("_", " "))
+                for name, value in sorted(result.statistics.items())
+            }
+        )
+    return xarray.DataTree.from_dict(groups)
 
 
 def write_netcdf(result: EstimateResult, path: str | Path) -> Path:
@@ -132,7 +152,10 @@ def read_netcdf(path: str | Path) -> EstimateResult:
         ) as tree:
             if tree.attrs["title"] != FORMAT or tree.attrs["format_version"] != FORMAT_VERSION:
                 raise ValueError("another title or version")
-            return _result(tree.dataset, tree.children["samples"].dataset, tree.attrs)
+            found = {name: child.dataset for name, child in tree.children.items()}
+            return _result(
+                tree.dataset, found["samples"], found.get("statistics"), dict(tree.attrs)
+            )
     except (KeyError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
         raise InputError(
             f"a netCDF-4 file of another make ({type(error).__name__}: {error})",
@@ -186,7 +209,9 @@ def _row(wavelength: float, sample: str, name: str, numbers: Any, known: str, st
     return ",".join([repr(float(wavelength)), quoted, name, *cells, known, status])
 
 
-def _result(root: Dataset, samples: Dataset, attributes: Any) -> EstimateResult:
+def _result(
+    root: Dataset, samples: Dataset, statistics: Dataset | None, attributes: Any
+) -> EstimateResult:
     def array(data: Dataset, name: str) -> Any:
         return np.array(data[name].values)
 
@@ -199,6 +224,10 @@ def _result(root: Dataset, samples: Dataset, attributes: Any) -> EstimateResult:
         identifiable=array(root, "identifiable").astype(bool),
         sample_names=tuple(str(name) for name in samples["name"].values),
         sample_estimate=array(samples, "estimate"),
+        statistics={}
+        if statistics is None
+        else {str(name): array(statistics, str(name)) for name in statistics.data_vars},
+        draws=array(root, "draws") if "draws" in root else None,
         **{
             name: array(root, name)
             for name in ("wavelength_nm", *PARAMETERS, "covariance", "quantile", "status")

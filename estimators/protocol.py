@@ -56,6 +56,10 @@ class BenchModel:
     covers_below: tuple[FloatArray, ...] = ()
     maps: tuple[Map, ...] = ()
     """One appearance map per sample, or none."""
+    bench: Bench | None = None
+    """The bench itself, for estimators that have an engine of their own; None: unknown."""
+    samples: tuple[Sample, ...] = ()
+    """The samples as they were described; their material is never looked at."""
 
     @classmethod
     def of(
@@ -78,6 +82,8 @@ class BenchModel:
             covers_above=tuple(refractive_index(c.n, wavelength) for c in bench.covers_above),
             covers_below=tuple(refractive_index(c.n, wavelength) for c in bench.covers_below),
             maps=tuple(maps),
+            bench=bench,
+            samples=tuple(sample.model_copy(update={"material": None}) for sample in samples),
         )
 
     def windows(self, sample: int) -> Windows:

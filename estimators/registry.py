@@ -13,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 from collections.abc import Callable
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
@@ -25,45 +26,34 @@ Factory = Callable[..., Estimator]
 """(model: BenchModel, **settings) -> Estimator."""
 
 
-def _lut(model: BenchModel, **settings: Any) -> Estimator:
-    from estimators.lut import LutEstimator
-    from estimators.lut_settings import LutSettings
+@dataclasses.dataclass(frozen=True)
+class _Entry:
+    """Where one of our estimators lives: loaded when it is asked for."""
 
-    return LutEstimator(model, LutSettings(**settings))
+    module: str
+    estimator: str
+    settings: str
+    make: str = ""
+    """Class method of the settings that makes them; "" calls the class itself."""
 
+    def options(self) -> frozenset[str]:
+        """Names of its settings."""
+        kind = getattr(import_module(self.module), self.settings)
+        return frozenset(field.name for field in dataclasses.fields(kind))
 
-def _lut_seed(model: BenchModel, **settings: Any) -> Estimator:
-    from estimators.lut import LutEstimator
-    from estimators.lut_settings import LutSettings
-
-    return LutEstimator(model, LutSettings.of_the_seed(**settings))
-
-
-def _beer(model: BenchModel, **settings: Any) -> Estimator:
-    from estimators.beer import BeerEstimator, BeerSettings
-
-    return BeerEstimator(model, BeerSettings(**settings))
-
-
-_OURS: dict[str, Factory] = {"lut": _lut, "lut-seed": _lut_seed, "beer": _beer}
-
-
-def _lut_options() -> frozenset[str]:
-    from estimators.lut_settings import LutSettings
-
-    return frozenset(field.name for field in dataclasses.fields(LutSettings))
+    def __call__(self, model: BenchModel, **settings: Any) -> Estimator:
+        """Make the estimator."""
+        module = import_module(self.module)
+        kind = getattr(module, self.settings)
+        made = (getattr(kind, self.make) if self.make else kind)(**settings)
+        estimator: Estimator = getattr(module, self.estimator)(model, made)
+        return estimator
 
 
-def _beer_options() -> frozenset[str]:
-    from estimators.beer import BeerSettings
-
-    return frozenset(field.name for field in dataclasses.fields(BeerSettings))
-
-
-_OPTIONS: dict[str, Callable[[], frozenset[str]]] = {
-    "lut": _lut_options,
-    "lut-seed": _lut_options,
-    "beer": _beer_options,
+_OURS: dict[str, _Entry] = {
+    "beer": _Entry("estimators.beer", "BeerEstimator", "BeerSettings"),
+    "lut": _Entry("estimators.lut", "LutEstimator", "LutSettings"),
+    "lut-seed": _Entry("estimators.lut", "LutEstimator", "LutSettings", "of_the_seed"),
 }
 
 
@@ -105,14 +95,14 @@ def estimator(name: str, model: BenchModel, **settings: Any) -> Estimator:
             place="estimator",
             remedy=f'Did you mean "{close[0]}"?' if close else "",
         )
-    known = _OPTIONS.get(name)
+    known = _OURS[name].options() if name in _OURS else None
     for option in settings:
-        if known is not None and option not in known():
+        if known is not None and option not in known:
             raise InputError(
                 f"the unknown option `{option}` of {name}",
-                f"one of {', '.join(sorted(known()))}",
+                f"one of {', '.join(sorted(known))}",
                 place="estimator.options",
-                remedy=near_misses(option, sorted(known())),
+                remedy=near_misses(option, sorted(known)),
             )
     try:
         made = factory(model, **settings)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from statistics import NormalDist
 
 import numpy as np
@@ -155,6 +155,12 @@ class EstimateResult:
     """SHA-256 of everything that went in."""
     messages: tuple[str, ...] = ()
     """What was masked and found odd, counted."""
+    statistics: Mapping[str, FloatArray] = field(default_factory=dict)
+    """What the solver says of itself by wavelength (steps, chi-square, effective sample size),
+    shape (W,) each."""
+    draws: FloatArray | None = None
+    """Equally weighted posterior draws of (albedo, sigma_t, g), shape (D, W, 3); a draw belongs
+    together over wavelengths where the estimator fits them jointly. None: no draws."""
 
     @property
     def parameters(self) -> FloatArray:

@@ -16,13 +16,17 @@ combined error (it matters for rows without any randomness only). What is meant 
 - H(mu) of a semi-infinite isotropic medium follows from the plane albedo R(mu) by the identity
   H = (1 - R) / sqrt(1 - albedo) (Chandrasekhar 1950, section 33);
 - the 45/0 rows are estimated twice: with a beam at 45 degrees and an exact exit direction, and,
-  marked [panels], with two small distant panels looked at from above as on the bench.
+  marked [panels], with two small distant panels looked at from above as on the bench;
+- light that leaves a bare slab nearly along its surface (`GRAZING`) is traced from there, by
+  reciprocity: the radiance factor is the same with both directions exchanged. Rows where light
+  also arrives there are traced as they are.
 
 Every other row that is left out is listed under `not_applicable` with its reason. Rows whose
 printed value a second, independent program contradicts (`CORRECTED`) are compared with that
 program; `as_printed` counts them against the printed values, so that nothing is hidden. Rows
-behind a slab 32 mean free paths thick would take hours at 0.1 %: they get a fixed number of
-paths, and `above_target` lists the standard errors that were reached.
+behind a slab 32 mean free paths thick are traced with importance splitting
+(docs/decisions/0005), one launch for each albedo. `above_target` lists the rows, if any, whose
+standard error is above the target all the same.
 """
 
 from __future__ import annotations
@@ -31,7 +35,7 @@ import csv
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -47,8 +51,11 @@ FLOOR = 2e-6
 TARGET, QUICK_TARGET = 1.0e-3, 5.0e-3
 PILOT_LOG2, CHUNK_LOG2, BLOCKS = 9, 13, 64
 SAFETY = 1.1
-MAX_CHUNKS, MAX_CHUNKS_DEEP = 128, 16
+MAX_CHUNKS = 128
 DEEP_FROM = 10.0
+# sorted paths are best many together: few blocks to a chunk, and no pilot that says how many
+DEEP_BLOCKS, DEEP_CHUNKS, MAX_DEEP_CHUNKS = 16, 3, 48
+GRAZING = 0.3
 # Quadrature with 48 angles does not resolve g = 0.9 behind a cone of 5 degrees at n 1.5: the
 # printed uncertainty, a difference of two quadratures, is by chance twenty times smaller there
 # than at 10 degrees. Values of `python -m benchmarks analog_slab`.
@@ -61,10 +68,14 @@ PANEL_DISTANCE_MM, PANEL_HALF_MM = 1.0e6, 5.0e3
 
 @dataclass
 class Launch:
-    """One scene and one kind of score; serves every albedo and both sides."""
+    """One scene and one kind of score; serves every albedo and both sides.
+
+    With `split_albedo` it serves that albedo alone, behind a deep slab.
+    """
 
     scene: Scene
     score: Score
+    split_albedo: float = 0.0
     cases: list[Case] = field(default_factory=list)
 
     def stack(self) -> FlatStack:
@@ -96,21 +107,20 @@ class Launch:
         )
 
     @property
-    def through_deep(self) -> bool:
-        """Whether light that comes through a deep slab of finite thickness is collected."""
-        below = any(case.side == "down" for case in self.cases)
-        return below and DEEP_FROM < self.scene.optical_thickness < math.inf
+    def chunk_blocks(self) -> int:
+        """Blocks that are traced in one go."""
+        return DEEP_BLOCKS if self.split_albedo else BLOCKS
 
     def effort(self, log2_paths: int) -> Effort:
-        """Roulette with the largest albedo; none where light has to come through a deep slab.
-
-        Weights albedo**k then spread over all that get through, which is worth ten times as
-        many paths at an optical thickness of 32.
-        """
+        """Splitting behind a deep slab; elsewhere roulette with the largest albedo."""
+        if self.split_albedo:
+            return Effort(
+                blocks=DEEP_BLOCKS,
+                log2_paths=log2_paths,
+                roulette_free=20_000,
+                split_albedo=self.split_albedo,
+            )
         albedo = max(case.albedo for case in self.cases)
-        if self.through_deep:
-            # order among paths is lost on a way this long: plain paths are as good and cheaper
-            return Effort(blocks=BLOCKS, log2_paths=log2_paths, roulette_free=20_000, lattice=False)
         return Effort(
             blocks=BLOCKS,
             log2_paths=log2_paths,
@@ -149,11 +159,26 @@ def distant_panels() -> tuple[PanelShape, ...]:
     return tuple(panels)
 
 
+def behind_deep(case: Case) -> bool:
+    """Whether a case collects light that comes through a deep slab of finite thickness."""
+    return case.side == "down" and DEEP_FROM < case.scene.optical_thickness < math.inf
+
+
+def traced_as(scene: Scene, score: Score) -> tuple[Scene, Score]:
+    """Scene and score to trace: those asked for, or by reciprocity both directions exchanged."""
+    start, leaves = scene.start_cosine, score.cosine
+    if score.kind != "direction" or scene.rho > 0.0 or start is None:
+        return scene, score
+    if leaves > GRAZING or leaves >= start:
+        return scene, score
+    return replace(scene, start_cosine=leaves), Score("direction", start)
+
+
 def launches_of(cases: list[Case]) -> list[Launch]:
     """Cases that one trace can serve, together."""
-    found: dict[tuple[Scene, Score], Launch] = {}
+    found: dict[tuple[Scene, Score, float], Launch] = {}
     for case in cases:
-        key = (case.scene, case.score)
+        key = (*traced_as(case.scene, case.score), case.albedo if behind_deep(case) else 0.0)
         found.setdefault(key, Launch(*key)).cases.append(case)
     return list(found.values())
 
@@ -176,7 +201,8 @@ def measure(launches: list[Launch], target: float, seed: int) -> tuple[list[Floa
     """Block means of every launch, with as many paths as the target asks for.
 
     A pilot says how many paths are needed; its own paths are not used again. A launch that
-    misses the target goes on until it meets it or `MAX_CHUNKS` chunks are spent.
+    misses the target goes on until it meets it or `MAX_CHUNKS` chunks are spent. Launches with
+    splitting have no pilot and begin with `DEEP_CHUNKS`.
     """
 
     def job(number: int, chunk: int, log2_paths: int) -> Callable[[], FloatArray]:
@@ -190,22 +216,24 @@ def measure(launches: list[Launch], target: float, seed: int) -> tuple[list[Floa
                     launch.effort(log2_paths),
                     seed=seed,
                     stream=2 * number + int(chunk >= 0),
-                    first_block=BLOCKS * max(chunk, 0),
+                    first_block=launch.chunk_blocks * max(chunk, 0),
                 )
             )
 
         return run
 
     numbers = range(len(launches))
-    pilots = run_many([job(n, -1, PILOT_LOG2) for n in numbers])
-    ratio = [
-        float(np.max(relative_errors(launches[n], pilots[n]), initial=0.0)) / target * SAFETY
-        for n in numbers
-    ]
-    paths = [max(1.0, r**2) * 2.0**PILOT_LOG2 for r in ratio]
-    log2 = [min(CHUNK_LOG2, math.ceil(math.log2(p))) for p in paths]
-    limit = [MAX_CHUNKS_DEEP if launch.through_deep else MAX_CHUNKS for launch in launches]
-    wanted = [min(limit[n], math.ceil(paths[n] / 2.0 ** log2[n])) for n in numbers]
+    shallow = [n for n in numbers if not launches[n].split_albedo]
+    log2 = [CHUNK_LOG2] * len(launches)
+    limit = [MAX_DEEP_CHUNKS] * len(launches)
+    wanted = [DEEP_CHUNKS] * len(launches)
+    pilots = run_many([job(n, -1, PILOT_LOG2) for n in shallow])
+    for n, pilot in zip(shallow, pilots, strict=True):
+        ratio = float(np.max(relative_errors(launches[n], pilot), initial=0.0)) / target * SAFETY
+        paths = max(1.0, ratio**2) * 2.0**PILOT_LOG2
+        log2[n] = min(CHUNK_LOG2, math.ceil(math.log2(paths)))
+        limit[n] = MAX_CHUNKS
+        wanted[n] = min(MAX_CHUNKS, math.ceil(paths / 2.0 ** log2[n]))
     done: list[list[FloatArray]] = [[] for _ in numbers]
     total = 0
     while True:
@@ -217,7 +245,7 @@ def measure(launches: list[Launch], target: float, seed: int) -> tuple[list[Floa
             order, run_many([job(n, c, log2[n]) for n, c in order]), strict=True
         ):
             done[n].append(blocks)
-            total += BLOCKS * 2 ** log2[n]
+            total += launches[n].chunk_blocks * 2 ** log2[n]
         for n in numbers:
             miss = np.max(relative_errors(launches[n], np.concatenate(done[n]))) / target
             if miss > 1.0:

@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 
 from twin.spectra import FloatArray
+from twin.transport.importance import importance_of
 from twin.transport.tables import FlatStack, transfer_table
 
 MAX_ORDER = 20_000
 TWO_WAYS_G = 0.4
+CAPACITY = 2
 BLACK, WHITE, SIDE, COLLISION = range(4)
 UP, DOWN = 0, 1
 
@@ -88,6 +90,10 @@ class Effort:
         derivatives: also estimate d/d sigma_t and d/d g.
         balance: also count collisions and losses at the sides.
         first_scatter: share of paths that are made to scatter on their first flight, at least.
+        split_albedo: 0 for no splitting; else an albedo of the sample for which paths are split
+            and thinned so that as many as possible get through the stack, to the side where
+            light does not start. The estimates serve every albedo all the same; they are best
+            near this one. Roulette as above is then superfluous.
     """
 
     blocks: int = 32
@@ -99,6 +105,7 @@ class Effort:
     derivatives: bool = False
     balance: bool = False
     first_scatter: float = 0.5
+    split_albedo: float = 0.0
 
 
 @lru_cache(maxsize=1)
@@ -182,9 +189,11 @@ def _warp() -> Any:
 
         wp.config.log_level = wp.LOG_WARNING
         wp.init()
-        from twin.transport import connect_kernels, walk_kernels
+        from twin.transport import connect_kernels, population_kernels, walk_kernels
 
-        _MODULES.update(wp=wp, connect=connect_kernels, walk=walk_kernels)
+        _MODULES.update(
+            wp=wp, connect=connect_kernels, population=population_kernels, walk=walk_kernels
+        )
     return _MODULES["wp"]
 
 
@@ -224,13 +233,16 @@ def trace(
     of processor.
 
     Raises:
-        ValueError: derivatives are asked for with a second scattering layer.
+        ValueError: derivatives are asked for with a second scattering layer; an albedo for
+            splitting is outside 0 to 1, or no layer scatters.
     """
     wp = _warp()
     device = device or default_device()
-    connect, walk = _MODULES["connect"], _MODULES["walk"]
+    connect, population = _MODULES["connect"], _MODULES["population"]
     if effort.derivatives and np.count_nonzero(stack.sigma_t) > int(stack.counted >= 0):
         raise ValueError("derivatives need a stack whose only scattering layer is the sample")
+    if not 0.0 <= effort.split_albedo <= 1.0:
+        raise ValueError(f"split_albedo is {effort.split_albedo}; expected 0 to 1")
     problem = connect.Problem()
     problem.start_from_below = int(setup.from_below)
     problem.start_sine = np.sin(setup.polar)
@@ -289,18 +301,31 @@ def trace(
     tally.order_bin, tally.bounce_bin = array(order_bin, wp.int32), array(bounce_bin, wp.int32)
     tally.derivatives, tally.balance = int(effort.derivatives), int(effort.balance)
     paths = 2**effort.log2_paths
-    size = (effort.blocks, paths)
-    generation = walk.Generation()
-    generation.paths = wp.empty(size, dtype=walk.Path, device=device)
+    splitting = population.Splitting()
+    splitting.active = int(effort.split_albedo > 0.0)
+    splitting.capacity = CAPACITY * paths
+    size, places = (effort.blocks, paths), paths
+    if splitting.active:
+        size, places = (effort.blocks, CAPACITY * paths), 2 * CAPACITY * paths
+        found = importance_of(stack, effort.split_albedo, setup.from_below)
+        splitting.sign = 1.0 if setup.from_below else -1.0
+        splitting.log_albedo = np.log(effort.split_albedo)
+        splitting.lowest, splitting.highest = found.lowest, found.highest
+        splitting.depth, splitting.lead = array(found.depth), array(found.lead)
+        splitting.log_importance = array(found.log_importance)
+    generation = population.Generation()
+    generation.paths = wp.empty((effort.blocks, places), dtype=population.Path, device=device)
     generation.order = wp.empty(size, dtype=wp.int32, device=device)
     generation.spare = wp.empty(size, dtype=wp.int32, device=device)
     generation.key = wp.empty(size, dtype=wp.int32, device=device)
+    generation.share = wp.empty(size if splitting.active else (1, 1), dtype=float, device=device)
     generation.count = wp.empty((effort.blocks, 1025), dtype=wp.int32, device=device)
     wp.launch(
-        walk.trace_kernel,
+        _MODULES["walk"].trace_kernel,
         dim=effort.blocks,
         inputs=[
-            problem, layers, tally, generation, wp.uint64(seed), stream, first_block, paths,
+            problem, layers, tally, generation, splitting, wp.uint64(seed), stream, first_block,
+            paths,
         ],
         device=device,
     )  # fmt: skip

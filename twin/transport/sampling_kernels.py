@@ -141,6 +141,22 @@ def turn(direction: wp.vec3, cosine: float, azimuth: float) -> wp.vec3:
 
 
 @wp.func
+def turn_upright(direction: wp.vec3, cosine: float, azimuth: float) -> wp.vec3:
+    """A unit vector at a given angle to `direction`, highest at azimuth 0 and lowest at pi."""
+    level = wp.sqrt(direction[0] * direction[0] + direction[1] * direction[1])
+    if level < 1.0e-3:
+        return turn(direction, cosine, azimuth)
+    sine = wp.sqrt(wp.max(0.0, 1.0 - cosine * cosine))
+    tangent = wp.vec3(
+        -direction[2] * direction[0] / level, -direction[2] * direction[1] / level, level
+    )
+    side = wp.vec3(-direction[1] / level, direction[0] / level, 0.0)
+    return wp.normalize(
+        tangent * (sine * wp.cos(azimuth)) + side * (sine * wp.sin(azimuth)) + direction * cosine
+    )
+
+
+@wp.func
 def cosine_cone(sine_half_angle: float, u: float, v: float) -> wp.vec3:
     """Direction around +z, uniform in projected solid angle, within a cone."""
     sine = sine_half_angle * wp.sqrt(u)

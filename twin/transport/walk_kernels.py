@@ -9,6 +9,10 @@ All paths of a block advance together, one event at a time. Before each step the
 by depth and direction and matched with a shifted low-discrepancy sequence (array-RQMC:
 L'Ecuyer, Lecot, Tuffin 2008), so that each generation of paths samples depth and direction
 evenly. Blocks are independent; their spread is the standard error.
+
+With importance splitting the population is resampled where the sorted paths are about to
+scatter, before the direction is drawn: for isotropic scattering the depth alone then says what
+becomes of a path, and one coordinate is what sorting serves best.
 """
 
 from __future__ import annotations
@@ -24,6 +28,18 @@ from twin.transport.connect_kernels import (
     score,
     score_unscattered,
 )
+from twin.transport.population_kernels import (
+    KEYS,
+    Generation,
+    Path,
+    Splitting,
+    log_share,
+    log_spacing,
+    place,
+    resample,
+    sort_key,
+    sort_pass,
+)
 from twin.transport.sampling_kernels import (
     GOLDEN_GAMMA,
     TWO_PI,
@@ -34,6 +50,7 @@ from twin.transport.sampling_kernels import (
     sample_henyey_greenstein,
     stream_start,
     turn,
+    turn_upright,
     uniform2,
     uniform8,
     uniform_disc,
@@ -48,7 +65,12 @@ CHANNEL_DOWN = wp.constant(1)
 CHANNEL_SIDE = wp.constant(2)
 CHANNEL_COLLISION = wp.constant(3)
 FAR = wp.constant(1.0e30)
-DIGIT = wp.constant(1024)
+FULL = wp.constant(0.999)
+
+# what a path is about to meet
+NOTHING = wp.constant(0)
+SCATTERING = wp.constant(1)
+BACKGROUND = wp.constant(2)
 
 # what each coordinate of a step's low-discrepancy point decides
 FLIGHT = wp.constant(0)
@@ -59,35 +81,6 @@ AIM_U = wp.constant(4)
 AIM_V = wp.constant(5)
 AIM_PICK = wp.constant(6)
 FACE_2 = wp.constant(7)
-
-
-@wp.struct
-class Path:
-    """State of one path after its latest event."""
-
-    at: wp.vec3
-    direction: wp.vec3
-    weight: float
-    score_sigma: float
-    score_g: float
-    layer: int  # n_layers when the path leaves the background, through the gap
-    order: int
-    bounces: int
-    on_black: int
-    on_white: int
-    alive: int
-    state: wp.uint64
-
-
-@wp.struct
-class Generation:
-    """Working memory of the blocks: paths and their order, [block, path]."""
-
-    paths: wp.array2d(dtype=Path)
-    order: wp.array2d(dtype=wp.int32)
-    spare: wp.array2d(dtype=wp.int32)
-    key: wp.array2d(dtype=wp.int32)
-    count: wp.array2d(dtype=wp.int32)
 
 
 @wp.func
@@ -136,9 +129,18 @@ def start_path(
 
 @wp.func
 def scatter_event(
-    problem: Problem, stack: Stack, tally: Tally, row: int, before: Path, points: vec8
+    problem: Problem,
+    stack: Stack,
+    tally: Tally,
+    row: int,
+    before: Path,
+    points: vec8,
+    upright: int,
 ) -> Path:
-    """One scattering event: connect to the targets, play roulette, turn."""
+    """One scattering event: connect to the targets, play roulette, turn.
+
+    With `upright` the random numbers decide the new direction's height as directly as can be.
+    """
     path = before
     layer = path.layer
     if layer == problem.counted_layer:
@@ -149,7 +151,16 @@ def scatter_event(
     if tally.balance == 1:
         score(tally, row, CHANNEL_COLLISION, 0, path.order, path.weight, 0.0, 0.0)
     mu = sample_henyey_greenstein(stack.g[layer], points[SCATTER])
-    scattered = turn(path.direction, mu, TWO_PI * points[AZIMUTH])
+    scattered = path.direction
+    if upright == 0:
+        scattered = turn(path.direction, mu, TWO_PI * points[AZIMUTH])
+    elif stack.g[layer] == 0.0:
+        sine = wp.sqrt(wp.max(0.0, 1.0 - mu * mu))
+        azimuth = TWO_PI * points[AZIMUTH]
+        scattered = wp.vec3(sine * wp.cos(azimuth), sine * wp.sin(azimuth), mu)
+        mu = wp.dot(scattered, path.direction)
+    else:
+        scattered = turn_upright(path.direction, mu, TWO_PI * points[AZIMUTH])
     if problem.target_up != 0:
         joined = connect_scatter(
             problem, stack, problem.target_up, 1.0, layer, path.at, path.direction, scattered,
@@ -247,17 +258,54 @@ def enter_from_gap(problem: Problem, stack: Stack, before: Path, u: float) -> Pa
 
 
 @wp.func
-def advance(
-    problem: Problem, stack: Stack, tally: Tally, row: int, before: Path, points: vec8
+def share_kept(
+    problem: Problem,
+    stack: Stack,
+    layer: int,
+    dz: float,
+    sigma: float,
+    to_face: float,
+    to_side: float,
+) -> float:
+    """Share of a flight that scatters on the way or is reflected at the end; 1 if none is lost.
+
+    Light is lost at a face to the outside, unless a background lies there.
+    """
+    outside = dz > 0.0 and layer == 0
+    if dz < 0.0 and layer == problem.n_layers - 1 and problem.has_background == 0:
+        outside = True
+    if not outside or to_side < to_face:
+        return 1.0
+    reflectance, cosine = fresnel(stack.n[layer], 1.0, wp.abs(dz))
+    if reflectance >= 1.0:
+        return 1.0
+    return 1.0 - wp.exp(-sigma * to_face) * (1.0 - reflectance)
+
+
+@wp.func
+def fly(
+    problem: Problem,
+    stack: Stack,
+    tally: Tally,
+    row: int,
+    before: Path,
+    points: vec8,
+    stay: int,
 ) -> Path:
-    """Carry a path to its next event (scattering, background) or to its end."""
+    """Carry a path to its next event (`path.event`) or to its end.
+
+    With `stay` a path never leaves the stack from the face that its first flight heads for: its
+    weight shrinks instead. What would leave has been scored by connection.
+    """
     path = before
+    path.event = NOTHING
     faces = int(0)
     if path.layer == problem.n_layers:
         faces = 1
         path = enter_from_gap(problem, stack, path, points[FACE])
         if path.alive == 1 and path.layer == problem.n_layers:
-            return bounce_event(problem, stack, tally, row, path, points)
+            path.event = BACKGROUND
+            return path
     first_flight = int(1)
     state = path.state
     x = float(path.at[0])
@@ -268,7 +316,7 @@ def advance(
     dz = float(path.direction[2])
     layer = int(path.layer)
     moving = int(path.alive)
-    event = int(0)
+    stays = int(0)
     while moving == 1:
         sigma = stack.sigma_t[layer]
         flight = float(FAR)
@@ -288,7 +336,14 @@ def advance(
         if dy != 0.0:
             to_side = wp.min(to_side, (problem.half_y - wp.sign(dy) * y) / wp.abs(dy))
         if sigma > 0.0:
-            if first_flight == 1 and path.order == 0 and path.bounces == 0:
+            if first_flight == 1 and stay == 1:
+                kept = share_kept(problem, stack, layer, dz, sigma, to_face, to_side)
+                if kept < 1.0:
+                    stays = 1
+                    u = points[FLIGHT] * kept
+                    flight = -wp.log(1.0 - u) / sigma
+                    path.weight = path.weight * kept
+            elif first_flight == 1 and path.order == 0 and path.bounces == 0:
                 # let thin stacks scatter more often than they do, at a smaller weight
                 natural = 1.0 - wp.exp(-sigma * wp.min(to_face, to_side))
                 if natural > 0.0 and natural < problem.first_scatter:
@@ -311,7 +366,7 @@ def advance(
             if layer == problem.counted_layer:
                 path.score_sigma = path.score_sigma - step
             if flight <= to_face and flight <= to_side:
-                event = 1
+                path.event = SCATTERING
                 moving = 0
             elif to_side < to_face:
                 if tally.balance == 1:
@@ -330,8 +385,9 @@ def advance(
                     n_next = stack.n[next_layer]
                 reflectance, cosine = fresnel(n_here, n_next, wp.abs(dz))
                 passes = int(1)
-                if reflectance >= 1.0:
+                if reflectance >= 1.0 or stays == 1:
                     passes = 0
+                    stays = 0
                 elif reflectance > 0.0:
                     u = float(points[FACE])
                     if faces == 1:
@@ -355,58 +411,136 @@ def advance(
                         if layer < 0 or problem.has_background == 0:
                             path.alive = 0
                         else:
-                            event = 2
+                            path.event = BACKGROUND
     path.state = state
     path.at = wp.vec3(x, y, z)
     path.direction = wp.vec3(dx, dy, dz)
     path.layer = layer
-    if event == 1:
-        path = scatter_event(problem, stack, tally, row, path, points)
-    elif event == 2:
-        path = bounce_event(problem, stack, tally, row, path, points)
     return path
 
 
 @wp.func
-def sort_key(problem: Problem, stack: Stack, path: Path) -> int:
-    """Place of a path on a Z-order curve through depth and direction cosine, 20 bits."""
-    lowest = stack.bottom[problem.n_layers - 1] - problem.gap
-    depth = wp.clamp(path.at[2] / lowest, 0.0, 0.99999)
-    turned = wp.clamp(0.5 * (path.direction[2] + 1.0), 0.0, 0.99999)
-    a = int(depth * 1024.0)
-    b = int(turned * 1024.0)
-    key = int(0)
-    for bit in range(10):
-        key = key | (((a >> bit) & 1) << (2 * bit + 1)) | (((b >> bit) & 1) << (2 * bit))
-    return key
+def meet(
+    problem: Problem,
+    stack: Stack,
+    tally: Tally,
+    row: int,
+    before: Path,
+    points: vec8,
+    upright: int,
+) -> Path:
+    """What happens to a path where its flight has ended."""
+    if before.event == SCATTERING:
+        return scatter_event(problem, stack, tally, row, before, points, upright)
+    if before.event == BACKGROUND:
+        return bounce_event(problem, stack, tally, row, before, points)
+    return before
 
 
 @wp.func
-def sort_pass(generation: Generation, row: int, count: int, shift: int, to_spare: int):
-    """One stable counting pass over ten bits of the keys."""
-    for digit in range(DIGIT + 1):
-        generation.count[row, digit] = 0
-    for i in range(count):
-        index = generation.order[row, i]
-        if to_spare == 0:
-            index = generation.spare[row, i]
-        digit = (generation.key[row, index] >> shift) & (DIGIT - 1)
-        generation.count[row, digit + 1] = generation.count[row, digit + 1] + 1
-    for digit in range(DIGIT):
-        generation.count[row, digit + 1] = (
-            generation.count[row, digit + 1] + generation.count[row, digit]
-        )
-    for i in range(count):
-        index = generation.order[row, i]
-        if to_spare == 0:
-            index = generation.spare[row, i]
-        digit = (generation.key[row, index] >> shift) & (DIGIT - 1)
-        place = generation.count[row, digit]
-        generation.count[row, digit] = place + 1
-        if to_spare == 1:
-            generation.spare[row, place] = index
-        else:
-            generation.order[row, place] = index
+def numbers(problem: Problem, path: Path, index: int, shift: vec8) -> vec8:
+    """The point that decides a path's step: of the lattice, or of its own stream."""
+    if problem.lattice == 0:
+        return uniform8(path.state)
+    return kronecker(index, shift)
+
+
+@wp.func
+def trace_plain(
+    problem: Problem,
+    stack: Stack,
+    tally: Tally,
+    generation: Generation,
+    row: int,
+    seed: wp.uint64,
+    stream: int,
+    block: int,
+    paths: int,
+):
+    """Advance the paths of a block event by event until none is left."""
+    alive = int(paths)
+    step = int(0)
+    while alive > 0:
+        if step > 0 and problem.lattice == 1 and alive > 8:
+            for i in range(alive):
+                index = generation.order[row, i]
+                generation.key[row, index] = sort_key(problem, stack, generation.paths[row, index])
+            sort_pass(generation, row, alive, 0, 1)
+            sort_pass(generation, row, alive, 10, 0)
+        shift = uniform8(stream_start(seed, stream, block, -2 - step))
+        left = int(0)
+        for i in range(alive):
+            index = generation.order[row, i]
+            path = generation.paths[row, index]
+            points = numbers(problem, path, i, shift)
+            if problem.lattice == 0:
+                path.state = path.state + GOLDEN_GAMMA * wp.uint64(4)
+            path = fly(problem, stack, tally, row, path, points, 0)
+            path = meet(problem, stack, tally, row, path, points, 0)
+            if path.alive == 1:
+                generation.paths[row, index] = path
+                generation.order[row, left] = index
+                left = left + 1
+        alive = left
+        step = step + 1
+
+
+@wp.func
+def trace_split(
+    problem: Problem,
+    stack: Stack,
+    tally: Tally,
+    generation: Generation,
+    splitting: Splitting,
+    row: int,
+    seed: wp.uint64,
+    stream: int,
+    block: int,
+    paths: int,
+):
+    """The same with importance splitting: resample, meet what the paths are at, fly on."""
+    alive = int(paths)
+    step = int(0)
+    source = int(0)
+    born = int(0)
+    spacing = float(0.0)
+    while alive > 0:
+        family = stream_start(seed, stream, block, -2 - step)
+        shift = uniform8(family)
+        if step > 0:
+            if problem.lattice == 1 and alive > 8:
+                sort_pass(generation, row, alive, 0, 1)
+                sort_pass(generation, row, alive, 10, 0)
+            if step == 1:
+                spacing = log_spacing(generation, row, alive, float(paths), -FAR)
+            # a population that no longer fits is thinned for good
+            spacing = log_spacing(
+                generation, row, alive, FULL * float(splitting.capacity), spacing
+            )  # fmt: skip
+            family, comb, spare = uniform2(family + GOLDEN_GAMMA * wp.uint64(4))
+            alive, born = resample(
+                splitting, generation, row, source, alive, spacing, comb, family, born
+            )
+            source = splitting.capacity - source
+        left = int(0)
+        for i in range(alive):
+            path = generation.paths[row, source + i]
+            points = numbers(problem, path, i, shift)
+            if problem.lattice == 0:
+                path.state = path.state + GOLDEN_GAMMA * wp.uint64(4)
+            if step > 0:
+                path = meet(problem, stack, tally, row, path, points, 1)
+            if path.alive == 1:
+                path = fly(problem, stack, tally, row, path, points, 1)
+            if path.alive == 1 and path.weight > 0.0:
+                at = place(problem, stack, splitting, path)
+                generation.paths[row, source + i] = path
+                generation.key[row, i] = int(at * KEYS)
+                generation.share[row, i] = log_share(splitting, path, at)
+                generation.order[row, left] = i
+                left = left + 1
+        alive = left
+        step = step + 1
 
 
 @wp.kernel
@@ -415,6 +549,7 @@ def trace_kernel(
     stack: Stack,
     tally: Tally,
     generation: Generation,
+    splitting: Splitting,
     seed: wp.uint64,
     stream: int,
     first_block: int,
@@ -430,28 +565,9 @@ def trace_kernel(
             stream_start(seed, stream, block, index),
         )  # fmt: skip
         generation.order[row, index] = index
-    alive = int(paths)
-    step = int(0)
-    while alive > 0:
-        if step > 0 and problem.lattice == 1 and alive > 8:
-            for i in range(alive):
-                index = generation.order[row, i]
-                generation.key[row, index] = sort_key(problem, stack, generation.paths[row, index])
-            sort_pass(generation, row, alive, 0, 1)
-            sort_pass(generation, row, alive, 10, 0)
-        shift = uniform8(stream_start(seed, stream, block, -2 - step))
-        left = int(0)
-        for i in range(alive):
-            index = generation.order[row, i]
-            path = generation.paths[row, index]
-            points = kronecker(i, shift)
-            if problem.lattice == 0:
-                points = uniform8(path.state)
-                path.state = path.state + GOLDEN_GAMMA * wp.uint64(4)
-            path = advance(problem, stack, tally, row, path, points)
-            if path.alive == 1:
-                generation.paths[row, index] = path
-                generation.order[row, left] = index
-                left = left + 1
-        alive = left
-        step = step + 1
+    if splitting.active == 1:
+        trace_split(
+            problem, stack, tally, generation, splitting, row, seed, stream, block, paths
+        )  # fmt: skip
+    else:
+        trace_plain(problem, stack, tally, generation, row, seed, stream, block, paths)

@@ -17,6 +17,7 @@ from twin.transport.tables import FlatStack, transfer_table
 MAX_ORDER = 20_000
 TWO_WAYS_G = 0.4
 BLACK, WHITE, SIDE, COLLISION = range(4)
+UNBOUNDED_STACK = 2
 UP, DOWN = 0, 1
 
 TARGETS = {"none": 0, "panels": 1, "cone": 2, "hemisphere": 3, "direction": 4}
@@ -87,6 +88,8 @@ class Effort:
         lattice: sorted paths and low-discrepancy points (off: plain Monte Carlo).
         derivatives: also estimate d/d sigma_t and d/d g.
         balance: also count collisions and losses at the sides.
+        paired: also tell, by the same paths, what the unbounded stack of the plane-parallel
+            engine would give (channel `UNBOUNDED_STACK`): panels or cone above, no derivatives.
         first_scatter: share of paths that are made to scatter on their first flight, at least.
     """
 
@@ -98,6 +101,7 @@ class Effort:
     lattice: bool = True
     derivatives: bool = False
     balance: bool = False
+    paired: bool = False
     first_scatter: float = 0.5
 
 
@@ -147,9 +151,12 @@ class Tallies:
     ) -> FloatArray:
         """Block means at given albedos: shape (blocks, A, bounce bins)."""
         table = self.value if values is None else values
-        powers = np.asarray(albedo, dtype=np.float64)[:, None] ** self.order[None, :]
-        by_bounce: FloatArray = np.einsum("nbk,ak->nab", table[:, channel], powers, optimize=True)
-        return by_bounce
+        orders = table[:, channel]
+        # most bins of high order are empty: they need not be multiplied
+        used = int(np.max(np.nonzero(orders.any(axis=(0, 1)))[0], initial=0)) + 1
+        powers = np.asarray(albedo, dtype=np.float64)[None, :] ** self.order[:used, None]
+        by_bounce: FloatArray = orders[..., :used] @ powers
+        return np.moveaxis(by_bounce, 1, 2)
 
     def estimate(
         self, channel: int, albedo: FloatArray, rho: float = 1.0
@@ -231,6 +238,8 @@ def trace(
     connect, walk = _MODULES["connect"], _MODULES["walk"]
     if effort.derivatives and np.count_nonzero(stack.sigma_t) > int(stack.counted >= 0):
         raise ValueError("derivatives need a stack whose only scattering layer is the sample")
+    if effort.paired and (effort.balance or effort.derivatives or setup.down != "none"):
+        raise ValueError("a paired trace tells panels or a cone above, without balance or slopes")
     problem = connect.Problem()
     problem.start_from_below = int(setup.from_below)
     problem.start_sine = np.sin(setup.polar)
@@ -261,6 +270,7 @@ def trace(
     problem.first_scatter = effort.first_scatter
     problem.lattice = int(effort.lattice)
     problem.max_order = MAX_ORDER
+    problem.paired = int(effort.paired)
 
     def array(values: Any, dtype: Any = float) -> Any:
         return wp.array(values, dtype=dtype, device=device)
@@ -280,7 +290,8 @@ def trace(
 
     order_bin, order = order_bins()
     bounce_bin, bounce = bounce_bins()
-    shape = (effort.blocks, 4 if effort.balance else 2, len(bounce), len(order))
+    channels = 4 if effort.balance else 3 if effort.paired else 2
+    shape = (effort.blocks, channels, len(bounce), len(order))
     tally = connect.Tally()
     tally.value = wp.zeros(shape, dtype=wp.float64, device=device)
     extra = shape if effort.derivatives else (1, 1, 1, 1)

@@ -7,8 +7,10 @@ that what is corrected here is corrected for all of them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +23,10 @@ if TYPE_CHECKING:
     from jax import Array
 
     from twin.adding_doubling import CapturesModel, Parameters
+    from twin.appearance import AppearanceMap, FiniteFactors
+
+DARKEST = 1e-4
+"""Captures below this are too dark to tell the engine's relative error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,20 +37,30 @@ class Forward:
         captures: the plane-parallel engine.
         relative_error: relative standard error of the engine itself, shape (S, 3); it is common
             to neighbouring wavelengths, so averaging over them does not lessen it.
+        factors: what the finite bench changes, one for each sample, or none.
     """
 
     captures: CapturesModel
     relative_error: FloatArray
+    factors: tuple[FiniteFactors, ...] = ()
+
+    @property
+    def corrected(self) -> bool:
+        """Whether appearance maps supplied what the finite bench changes."""
+        return bool(self.factors)
 
     @classmethod
     def of(cls, model: BenchModel) -> Forward:
-        """The engine of a bench.
+        """The engine of a bench; its finite extent is known where `model.maps` know it.
 
         Raises:
             InputError: the model knows no bench, or one that a plane-parallel stack cannot show
                 (a scattering cover, samples of several refractive indices).
         """
+        import jax
+
         from twin.adding_doubling import STATED_BOUND, captures_model
+        from twin.appearance import AppearanceMap, FiniteFactors
 
         if model.bench is None or not model.samples:
             raise InputError(
@@ -55,7 +71,18 @@ class Forward:
             )
         captures = captures_model(model.bench, model.samples, model.wavelength_nm)
         error = np.full((len(model.samples), 3), STATED_BOUND)
-        return cls(captures, error)
+        maps = [
+            each
+            for each in model.maps
+            if isinstance(each, AppearanceMap) and each.factors is not None
+        ]
+        if not maps or len(maps) < len(model.samples):
+            return cls(captures, error)
+        return cls(
+            captures,
+            np.hypot(error, map_errors(maps, model)),
+            tuple(jax.tree.map(jax.numpy.asarray, FiniteFactors.of(each)) for each in maps),
+        )
 
     @property
     def nominal(self) -> Parameters:
@@ -70,7 +97,11 @@ class Forward:
 
     def forward(self, parameters: Parameters) -> Array:
         """Relative intensities, shape (W, S, 3): black, white, collimated; pure JAX."""
-        return self.captures.forward(parameters)
+        if not self.factors:
+            return self.captures.forward(parameters)
+        captures = self.captures
+        found = _programs()[0](parameters, captures.constants, self.factors, captures.form)
+        return cast("Array", found)
 
     def forward_and_jacobian(
         self,
@@ -82,4 +113,46 @@ class Forward:
         A capture depends on its own wavelength and sample alone, so `thickness_mm` of shape (S,)
         and the others of shape (W,) are all differentiated at once.
         """
-        return self.captures.forward_and_jacobian(parameters, names)
+        if not self.factors:
+            return self.captures.forward_and_jacobian(parameters, names)
+        captures = self.captures
+        found = _programs()[1](parameters, captures.constants, self.factors, captures.form, names)
+        return cast("tuple[Array, Array]", found)
+
+
+@lru_cache(maxsize=1)
+def _programs() -> tuple[Any, Any]:
+    """The compiled programs: captures, and captures with slopes; shared by all benches."""
+    import jax
+
+    from twin.adding_doubling import parts_of, value_and_slopes
+    from twin.appearance import finite_captures
+
+    def forward(parameters: Parameters, constants: Any, factors: Any, form: Any) -> Any:
+        return finite_captures(parts_of(parameters, constants, form), factors, parameters)
+
+    def slopes(
+        parameters: Parameters, constants: Any, factors: Any, form: Any, names: tuple[str, ...]
+    ) -> Any:
+        def moved(values: Parameters) -> Any:
+            return forward(values, constants, factors, form)
+
+        return value_and_slopes(moved, parameters, names)
+
+    return (
+        jax.jit(forward, static_argnames=("form",)),
+        jax.jit(slopes, static_argnames=("form", "names")),
+    )
+
+
+def map_errors(maps: Sequence[AppearanceMap], model: BenchModel) -> FloatArray:
+    """Median relative standard error of every map's captures, shape (S, 3)."""
+    middle = len(model.wavelength_nm) // 2
+    rows = []
+    for own in maps:
+        value = own.intensities(float(model.rho_black[middle]), float(model.rho_white[middle]))
+        error = np.stack([own.black_se, own.white_se, own.collimated_se], axis=-1)
+        lit = value > DARKEST
+        relative = np.where(lit, error / np.where(lit, value, 1.0), np.nan)
+        rows.append(np.nanmedian(relative.reshape(-1, 3), axis=0))
+    return np.array(rows)

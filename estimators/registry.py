@@ -52,8 +52,18 @@ class _Entry:
 
 _OURS: dict[str, _Entry] = {
     "beer": _Entry("estimators.beer", "BeerEstimator", "BeerSettings"),
+    "least-squares": _Entry(
+        "estimators.least_squares", "LeastSquaresEstimator", "LeastSquaresSettings"
+    ),
     "lut": _Entry("estimators.lut", "LutEstimator", "LutSettings"),
+    "posterior": _Entry("estimators.posterior", "PosteriorEstimator", "PosteriorSettings"),
     "lut-seed": _Entry("estimators.lut", "LutEstimator", "LutSettings", "of_the_seed"),
+    "kubelka-munk": _Entry(
+        "estimators.kubelka_munk", "KubelkaMunkEstimator", "KubelkaMunkSettings"
+    ),
+    "nelder-mead": _Entry("estimators.optimisers", "NelderMeadEstimator", "SearchSettings"),
+    "powell": _Entry("estimators.optimisers", "PowellEstimator", "SearchSettings"),
+    "adam": _Entry("estimators.optimisers", "AdamEstimator", "AdamSettings"),
 }
 
 

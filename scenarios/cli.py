@@ -33,6 +33,8 @@ Examples:
 
   benchtwin inspect benchtwin-default/measurement.nc
 
+  benchtwin stress --estimators lut --quick  how right an estimator is, and how sure it may be
+
 Exit codes: 0 done; 2 wrong input, with one message that says what was found and what is
 expected; 130 interrupted; 1 an error of the program itself.
 """
@@ -276,6 +278,46 @@ def figures(
     with Console(quiet=quiet).step("figures") as progress:
         files = make_figures(out, names or (), quick, seed or 0, threads, progress)
     return {"files": [str(path) for path in files]}
+
+
+@app.command(epilog="Example: benchtwin stress --estimators lut,beer --points 64 --quick")
+@_guarded
+def stress(
+    plan: Annotated[
+        str, typer.Argument(metavar="PLAN", help="A built-in plan, or the path of a file.")
+    ] = "default",
+    out: OutOption = None,
+    seed: SeedOption = None,
+    points: Annotated[
+        int | None, typer.Option(metavar="N", help="Number of materials of a random design.")
+    ] = None,
+    estimators: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Only these estimators; see benchtwin list.")
+    ] = None,
+    quick: QuickOption = False,
+    as_json: JsonOption = False,
+    threads: ThreadsOption = None,
+    cache: CacheOption = None,
+    quiet: QuietOption = False,
+) -> dict[str, Any]:
+    """Try estimators on many simulated materials: errors, coverage, failures, a ranking.
+
+    A run that was stopped goes on where it was when it is started again with the same folder.
+    """
+    from scenarios.commands import stress as run_stress
+    from scenarios.console import Console
+
+    return run_stress(
+        plan,
+        out=out,
+        seed=seed,
+        quick=quick,
+        points=points,
+        estimators=[name.strip() for name in (estimators or "").split(",") if name.strip()],
+        threads=threads,
+        cache=cache,
+        console=Console(quiet=quiet),
+    )
 
 
 @app.command(name="list", epilog="Example: benchtwin list materials")

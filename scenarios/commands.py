@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -169,6 +169,40 @@ def compute_maps(
             for sample, found in zip(scenario.samples, maps, strict=True)
         ],
     }
+
+
+def stress(
+    name: str,
+    *,
+    out: Path | None = None,
+    seed: int | None = None,
+    quick: bool = False,
+    points: int | None = None,
+    estimators: Sequence[str] = (),
+    threads: int | None = None,
+    cache: Path | None = None,
+    console: Console,
+) -> dict[str, Any]:
+    """Run a stress plan, or the rest of it; returns the summary that is also written.
+
+    Raises:
+        InputError: the plan, an estimator, or the output folder cannot be used.
+    """
+    from scenarios.stress import load_plan, run_plan
+    from scenarios.stress.tables import write_outcome
+
+    plan = load_plan(name).settled(seed=seed, points=points, estimators=estimators, quick=quick)
+    for contender in plan.estimators:
+        check_estimator(contender)
+    title = Path(name).stem
+    folder = prepare_folder(out or Path(f"benchtwin-stress-{title}"))
+    proved = _cache(cache)
+    with _said_of(name):
+        outcome = run_plan(
+            plan, folder, cache=proved if cache else None, threads=threads, console=console
+        )
+    with console.step("write the report"):
+        return write_outcome(outcome, folder, title)
 
 
 def _ready(name: str, *, seed: int | None, quick: bool) -> Scenario:

@@ -14,7 +14,7 @@ from tests.adding_doubling.benches import medium, unbounded
 from twin import adding_doubling, transport
 from twin.adding_doubling import captures, captures_model, make_streams
 from twin.adding_doubling.panels import panel_light
-from twin.bench import Bench, Layer, Medium, Sample
+from twin.bench import Bench, Detector, Layer, Medium, Sample
 from twin.errors import InputError
 from twin.transport.geometry import reference_factor
 
@@ -78,11 +78,17 @@ def test_many_threads_do_not_lock_each_other(model, parameters) -> None:  # type
 
 
 def test_nothing_compiles_again_for_other_numbers(model, parameters) -> None:  # type: ignore[no-untyped-def]
+    """Neither for another material nor for another bench of the same make."""
+    import twin.adding_doubling.model as program
+
     model.forward(parameters)
-    before = model._forward._cache_size()
+    before = program._forward._cache_size()
     for factor in (0.5, 0.7, 0.9):
         model.forward(parameters._replace(albedo=factor * parameters.albedo))
-    assert model._forward._cache_size() == before
+    other = Bench(detector=Detector(acceptance_deg=2.0))
+    thicker = [Sample(name=f"{i}", thickness_mm=1.0 + i) for i in range(len(model.nominal[4]))]
+    captures_model(other, thicker, model.wavelength_nm).forward(parameters)
+    assert program._forward._cache_size() == before
 
 
 def test_without_medium_beer_fresnel_and_background_remain() -> None:

@@ -15,7 +15,10 @@ from twin.adding_doubling.captures import STATED_BOUND, captures  # noqa: E402
 from twin.adding_doubling.model import (  # noqa: E402
     CapturesModel,
     Parameters,
+    Parts,
     captures_model,
+    parts_of,
+    value_and_slopes,
 )
 from twin.adding_doubling.slab import SlabOptics, slab_optics  # noqa: E402
 from twin.adding_doubling.streams import Streams, make_streams  # noqa: E402
@@ -24,10 +27,13 @@ __all__ = [
     "STATED_BOUND",
     "CapturesModel",
     "Parameters",
+    "Parts",
     "SlabOptics",
     "Streams",
     "captures",
     "captures_model",
     "make_streams",
+    "parts_of",
     "slab_optics",
+    "value_and_slopes",
 ]

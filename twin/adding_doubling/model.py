@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, cast
@@ -77,32 +77,73 @@ class Surroundings(NamedTuple):
     moments: Any
 
 
-@dataclass(frozen=True, eq=False)
-class Geometry:
-    """Constants of all wavelengths: streams, detector, panels, planes."""
+class Parts(NamedTuple):
+    """What captures are made of; arrays of one shape.
+
+    Attributes:
+        direct: radiance factor without any light from a background.
+        once: what one bounce at a perfectly white background adds.
+        returned: share of diffuse light from the background that comes back to it.
+        unscattered: share of the beam that arrives unscattered; scattered: scattered into the
+            detector's cone.
+    """
+
+    direct: Any
+    once: Any
+    returned: Any
+    unscattered: Any
+    scattered: Any
+
+    def captures(self, rho_black: Any, rho_white: Any) -> Array:
+        """Black, white, collimated, shape (..., 3), for reflectances of the parts' shape."""
+
+        def over(rho: Any) -> Array:
+            found: Array = self.direct + rho * self.once / (1.0 - rho * self.returned)
+            return found
+
+        return jnp.stack(
+            [over(rho_black), over(rho_white), self.unscattered + self.scattered], axis=-1
+        )
+
+
+class Geometry(NamedTuple):
+    """What of a bench is the same at all wavelengths: detector, panels, planes, thicknesses."""
+
+    detector: Any
+    panel_share: Any
+    panel_cosine: Any
+    panel_streams: Any
+    planes: Any
+    thickness_mm: Any
+    cone_cosine: Any
+
+
+class Constants(NamedTuple):
+    """Everything that a bench puts into the program besides its parameters."""
+
+    around: Surroundings
+    geometry: Geometry
+
+
+@dataclass(frozen=True)
+class Form:
+    """What a program is compiled for; benches of one form and shape share it."""
 
     streams: Streams
-    detector: FloatArray
-    panel_share: FloatArray
-    panel_cosine: FloatArray
-    panel_streams: FloatArray
-    planes: FloatArray
-    thickness_mm: FloatArray
-    cone_cosine: float
     tabulated: bool
     contact: bool
     mirrored: bool
 
 
-def _phase_of(geometry: Geometry, g: Array, moments: Array, cosine: Array) -> Array:
-    if geometry.tabulated:
+def _phase_of(form: Form, g: Array, moments: Array, cosine: Array) -> Array:
+    if form.tabulated:
         return from_moments(moments, cosine)
     return henyey_greenstein(g, cosine)
 
 
-def _one(parameters: Parameters, around: Surroundings, geometry: Geometry) -> Array:
-    """Captures at one wavelength, shape (S, 3)."""
-    streams, g, n = geometry.streams, parameters.g, parameters.n
+def _one(parameters: Parameters, around: Surroundings, geometry: Geometry, form: Form) -> Array:
+    """Parts of the captures at one wavelength, shape (S, 5): see `Parts`."""
+    streams, g, n = form.streams, parameters.g, parameters.n
     first, orders = streams.trapped, streams.orders
     air, normal = slice(first, None), streams.normal
     here = inside(streams, n)
@@ -114,11 +155,11 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry) -> Ar
     top_all = window(n, around.above_n, around.above_depth, cosine, air_cosine)
     bottom_all = (
         top_all
-        if geometry.mirrored
+        if form.mirrored
         else window(n, around.below_n, around.below_depth, cosine, air_cosine)
     )
     top, bottom = _part(top_all, slice(0, count)), _part(bottom_all, slice(0, count))
-    if geometry.tabulated:
+    if form.tabulated:
         moments, tail = around.moments[: orders + 1], around.moments[orders:]
     else:
         moments = henyey_greenstein_moments(g, orders + 1)
@@ -139,8 +180,8 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry) -> Ar
     weighted = polynomial[:, air] * polynomial[:, first + normal][:, None]
     seen_back, seen_ahead = turned @ weighted, strength @ weighted
     sharpness = 1.0 / (1.0 - scaled.peak)
-    true_back = _phase_of(geometry, g, around.moments, -panel_mu) * sharpness
-    true_ahead = _phase_of(geometry, g, around.moments, panel_mu) * sharpness
+    true_back = _phase_of(form, g, around.moments, -panel_mu) * sharpness
+    true_ahead = _phase_of(form, g, around.moments, panel_mu) * sharpness
 
     # far orders of the cone's coefficients move with n to first order
     moved = jnp.sqrt(1.0 - (1.0 - geometry.cone_cosine**2) / n**2) - around.cone_cosine
@@ -149,7 +190,7 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry) -> Ar
 
     def system(below: Window) -> Any:
         """Responses to the detector's directions from above and to diffuse light from below."""
-        if geometry.contact and below is not bottom:
+        if form.contact and below is not bottom:
             flux_below = root**2
         else:
             flux_below = root**2 * (here.air_cosine > 0.0)
@@ -160,7 +201,7 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry) -> Ar
         from_top = jnp.stack([2.0 * drive_top / (1.0 + top.inside), zero], axis=1)
         from_below = jnp.stack([zero, 2.0 * drive_below / (1.0 + below.inside)], axis=1)
         other = None
-        if not (geometry.mirrored and below is bottom):
+        if not (form.mirrored and below is bottom):
             other = admittance(layer, below.inside)
 
         def at(depth: Array) -> tuple[Array, Array, Array]:
@@ -176,16 +217,16 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry) -> Ar
 
     through_air = system(bottom)
     open_below = Window(jnp.zeros_like(root), jnp.ones_like(root), jnp.zeros_like(root))
-    backed = system(open_below) if geometry.contact else through_air
-    backed_bottom = open_below if geometry.contact else bottom
+    backed = system(open_below) if form.contact else through_air
+    backed_bottom = open_below if form.contact else bottom
     panel = slice(count, None)
     nothing = jnp.zeros_like(panel_mu)
     open_panel = Window(nothing, jnp.ones_like(nothing), nothing)
-    panel_below = open_panel if geometry.contact else _part(bottom_all, panel)
+    panel_below = open_panel if form.contact else _part(bottom_all, panel)
     panel_top = _part(top_all, panel)
     # diffuse light from below over the air's own: 1, or 1 / n^2 in optical contact
     spread = 1.0 / jnp.sum(lambert)
-    if geometry.contact:
+    if form.contact:
         spread = root[first + normal] ** 2 / jnp.sum(root**2) / lambert[normal]
 
     def sample(thickness: Array, plane: Array, nominal: Array) -> Array:
@@ -215,19 +256,21 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry) -> Ar
         scattered_up = up[air, 1] / lambert - spread * clear_backed[air]
         sent = geometry.panel_streams @ scattered_up
         sent = sent + spread * (geometry.panel_share @ clear_panels)
-        rho = jnp.stack([parameters.rho_black, parameters.rho_white])
-        diffuse = direct + sent * rho * received / (1.0 - rho * returned)
         shift = thickness - nominal
         height = jnp.exp(plane[0] + shift * (plane[1] + 0.5 * shift * plane[2]))
-        free_down = through_air(depth)[1] if geometry.contact else down
+        free_down = through_air(depth)[1] if form.contact else down
         _, clear = specular(top, bottom, here.cosine, depth)
         scattered = (free_down[at, 0] - clear[at] * flux_top[at]) / lambert[normal]
         peak_light = cone_share(
             top.through[at] * bottom.through[at], top.inside[at] * bottom.inside[at],
             true_depth, parameters.albedo, scaled.peak, tail, low, high,
         )  # fmt: skip
-        collimated = (1.0 - geometry.cone_cosine**2) * scattered + peak_light
-        return jnp.concatenate([height * diffuse, collimated[None]])
+        total = (1.0 - geometry.cone_cosine**2) * scattered + peak_light
+        rounds = top.inside[at] * bottom.inside[at] * jnp.exp(-2.0 * true_depth)
+        unscattered = top.through[at] * bottom.through[at] * jnp.exp(-true_depth) / (1.0 - rounds)
+        return jnp.stack(
+            [height * direct, height * sent * received, returned, unscattered, total - unscattered]
+        )
 
     return jax.vmap(sample)(
         parameters.thickness_mm, jnp.asarray(geometry.planes), jnp.asarray(geometry.thickness_mm)
@@ -237,6 +280,27 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry) -> Ar
 def _part(of: Window, where: slice) -> Window:
     return Window(of.inside[where], of.through[where], of.outside[where])
 
+
+def parts_of(parameters: Parameters, constants: Constants, form: Form) -> Parts:
+    """Parts of the captures, (W, S) each: a pure function for programs built around it."""
+    by_wavelength = jax.vmap(partial(_one, form=form), in_axes=(BY_WAVELENGTH, 0, None))
+    return Parts(*jnp.moveaxis(by_wavelength(parameters, *constants), -1, 0))
+
+
+def _captures(parameters: Parameters, constants: Constants, form: Form) -> Array:
+    rho = (jnp.asarray(parameters.rho_black), jnp.asarray(parameters.rho_white))
+    return parts_of(parameters, constants, form).captures(*(each[:, None] for each in rho))
+
+
+def _slopes(
+    parameters: Parameters, constants: Constants, form: Form, names: tuple[str, ...]
+) -> tuple[Array, Array]:
+    return value_and_slopes(lambda moved: _captures(moved, constants, form), parameters, names)
+
+
+_parts = jax.jit(parts_of, static_argnames=("form",))
+_forward = jax.jit(_captures, static_argnames=("form",))
+_jacobian = jax.jit(_slopes, static_argnames=("form", "names"))
 
 BY_WAVELENGTH = Parameters(0, 0, 0, 0, None, 0, 0)
 
@@ -250,14 +314,14 @@ class CapturesModel:
         nominal: index, thicknesses and background reflectances of the bench; albedo, sigma_t
             and g of the first sample's material, or NaN when it is unknown.
         not_represented: what of this bench a plane-parallel stack cannot show.
+        constants, form: what `parts_of` needs besides parameters.
     """
 
     wavelength_nm: FloatArray
     nominal: Parameters
     not_represented: tuple[str, ...]
-    _surroundings: Surroundings
-    _forward: Any
-    _jacobian: Any
+    constants: Constants
+    form: Form
 
     def parameters(
         self, albedo: ArrayLike, sigma_t_per_mm: ArrayLike, g: ArrayLike, **nuisances: ArrayLike
@@ -278,7 +342,11 @@ class CapturesModel:
 
         A pure function of JAX arrays: it can be traced, differentiated both ways and batched.
         """
-        return cast(Array, self._forward(parameters, self._surroundings))
+        return cast(Array, _forward(parameters, self.constants, self.form))
+
+    def parts(self, parameters: Parameters) -> Parts:
+        """What the captures are made of, arrays of shape (W, S); a pure function as `forward`."""
+        return cast(Parts, _parts(parameters, self.constants, self.form))
 
     def forward_and_jacobian(
         self, parameters: Parameters, names: tuple[str, ...] = DERIVED
@@ -289,9 +357,26 @@ class CapturesModel:
         parameter of shape (W,) or (S,) is taken for all of them at once. At an index of exactly
         1 the critical angle appears, and the derivative by n means nothing.
         """
-        return cast(
-            "tuple[Array, Array]", self._jacobian(parameters, self._surroundings, names=names)
-        )
+        return cast("tuple[Array, Array]", _jacobian(parameters, self.constants, self.form, names))
+
+
+def value_and_slopes(
+    function: Callable[[Parameters], Array], parameters: Parameters, names: tuple[str, ...]
+) -> tuple[Array, Array]:
+    """A function of parameters, and its derivatives by the named ones, (..., names).
+
+    For functions whose entry at one wavelength and sample depends on parameters of its own
+    wavelength and sample alone. One pass forwards, and one linear pass for all names.
+    """
+    own = {name: jnp.asarray(getattr(parameters, name)) for name in names}
+    value, slope = jax.linearize(lambda values: function(parameters._replace(**values)), own)
+    if not names:
+        return value, jnp.zeros((*value.shape, 0))
+    directions = {
+        name: jnp.zeros((len(names), *array.shape)).at[row].set(1.0)
+        for row, (name, array) in enumerate(own.items())
+    }
+    return value, jnp.moveaxis(jax.vmap(slope)(directions), 0, -1)
 
 
 def captures_model(
@@ -337,49 +422,24 @@ def captures_model(
             "streams without trapped ones for an index above 1", "trapped streams",
             place="streams",
         )  # fmt: skip
-    geometry, light = _geometry(bench, given, streams, moments is not None, contact)
-    around = _surroundings(bench, wavelength, n, geometry, moments)
-    forward = jax.vmap(
-        partial(_one, geometry=geometry), in_axes=(BY_WAVELENGTH, Surroundings(*[0] * 10))
-    )
-
-    def with_jacobian(
-        parameters: Parameters, around: Surroundings, names: tuple[str, ...]
-    ) -> tuple[Array, Array]:
-        own = {name: jnp.asarray(getattr(parameters, name)) for name in names}
-
-        def moved(values: dict[str, Array]) -> Array:
-            return forward(parameters._replace(**values), around)
-
-        # one pass forwards, and one linear pass for all names side by side
-        value, slope = jax.linearize(moved, own)
-        if not names:
-            return value, jnp.zeros((*value.shape, 0))
-        directions = {
-            name: jnp.zeros((len(names), *array.shape)).at[row].set(1.0)
-            for row, (name, array) in enumerate(own.items())
-        }
-        return value, jnp.moveaxis(jax.vmap(slope)(directions), 0, -1)
-
+    mirrored = tuple(bench.covers_above) == tuple(reversed(bench.covers_below))
+    form = Form(streams, moments is not None, contact, mirrored)
+    geometry, light = _geometry(bench, given, streams)
+    around = _surroundings(bench, wavelength, n, geometry, streams.orders, moments)
     return CapturesModel(
         wavelength,
         _nominal(bench, given, wavelength, n),
         not_represented(bench, light.highest),
-        around,
-        jax.jit(forward),
-        jax.jit(with_jacobian, static_argnames=("names",)),
+        jax.tree.map(jnp.asarray, Constants(around, geometry)),
+        form,
     )
 
 
-def _geometry(
-    bench: Bench, samples: tuple[Sample, ...], streams: Streams, tabulated: bool, contact: bool
-) -> tuple[Geometry, Any]:
+def _geometry(bench: Bench, samples: tuple[Sample, ...], streams: Streams) -> tuple[Geometry, Any]:
     light = panel_light(bench)
     cone = math.cos(math.radians(bench.detector.acceptance_deg))
     to_panels = light.share @ interpolation(streams.air_cosine, light.cosine)
-    mirrored = tuple(bench.covers_above) == tuple(reversed(bench.covers_below))
     geometry = Geometry(
-        streams=streams,
         detector=cone_average(streams, cone),
         panel_share=light.share,
         panel_cosine=light.cosine,
@@ -387,9 +447,6 @@ def _geometry(
         planes=plane_factors(bench, samples),
         thickness_mm=np.array([sample.thickness_mm for sample in samples]),
         cone_cosine=cone,
-        tabulated=tabulated,
-        contact=contact,
-        mirrored=mirrored,
     )
     return geometry, light
 
@@ -399,6 +456,7 @@ def _surroundings(
     wavelength: FloatArray,
     n: FloatArray,
     geometry: Geometry,
+    orders: int,
     moments: FloatArray | None,
 ) -> Surroundings:
     count = len(wavelength)
@@ -420,7 +478,6 @@ def _surroundings(
 
     above_n, above_depth = covers(bench.covers_above)
     below_n, below_depth = covers(tuple(reversed(bench.covers_below)))
-    orders = geometry.streams.orders
     x = np.sqrt(1.0 - (1.0 - geometry.cone_cosine**2) / n**2)
     value, slope = legendre_cone(x, TAIL_ORDERS)
     table = np.zeros((count, TAIL_ORDERS))

@@ -10,6 +10,7 @@ Everything here is plain numpy and depends on no wavelength.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -20,9 +21,9 @@ PADDING_WEIGHT = 1e-8
 """Weight of a stream that is only looked at: lost in every sum, yet 1e8 above rounding."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Streams:
-    """Quadrature of one hemisphere.
+    """Quadrature of one hemisphere; made once per choice, and compiled programs are keyed by it.
 
     Attributes:
         air_cosine: cosines in air of the streams that leave the medium, shape (A,); one of
@@ -75,6 +76,7 @@ def radau(count: int) -> tuple[FloatArray, FloatArray]:
     return (nodes + 1.0) / 2.0, vectors[0] ** 2
 
 
+@lru_cache(maxsize=64)
 def make_streams(
     air: int = 12,
     trapped: int = 8,

@@ -7,7 +7,15 @@ map serves every wavelength whatever the backgrounds' spectra.
 """
 
 from twin.appearance.compute import appearance_map, map_key
+from twin.appearance.factors import FiniteFactors, finite_captures
 from twin.appearance.grid import MapGrid
 from twin.appearance.table import AppearanceMap
 
-__all__ = ["AppearanceMap", "MapGrid", "appearance_map", "map_key"]
+__all__ = [
+    "AppearanceMap",
+    "FiniteFactors",
+    "MapGrid",
+    "appearance_map",
+    "finite_captures",
+    "map_key",
+]

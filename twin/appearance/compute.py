@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from twin.appearance.cells import Cell, add_plane, factors_of, trace_cell
 from twin.appearance.grid import MapGrid
+from twin.appearance.plane import plane_parts, representable
 from twin.appearance.smoothing import fine_enough, smoothed, smoothed_error
 from twin.appearance.table import AppearanceMap
 from twin.bench import Bench, Sample
@@ -16,24 +17,11 @@ from twin.cache import cache_folder, content_key, load_arrays, store_arrays
 from twin.errors import InputError
 from twin.materials import OpticalProperties, reflectance
 from twin.spectra import FloatArray
-from twin.transport import Effort, flat_stacks, run_many, trace
-from twin.transport.engine import BLACK, WHITE, bounce_bins, mean_and_error
-from twin.transport.geometry import beam_reference_share, beam_setup, panels_setup
-from twin.transport.tables import FlatStack
+from twin.transport import flat_stacks, run_many
+from twin.transport.engine import bounce_bins
 
-MAP_VERSION = 5
+MAP_VERSION = 6
 NOMINAL_NM = 550.0
-BLOCKS = 32
-
-
-@dataclass(frozen=True)
-class _Cell:
-    """Result of one (sigma_t, g): arrays over albedo (A,) and bounce bins (B,)."""
-
-    black: FloatArray
-    white: FloatArray
-    collimated: FloatArray
-    errors: FloatArray
 
 
 def map_key(
@@ -124,7 +112,9 @@ def appearance_map(
         for name in ("black", "white", "collimated", "black_se", "white_se", "collimated_se")
     }
     arrays["exponent"] = slabs[0]["exponent"]
-    if fine_enough(np.array(grid.sigma_t_per_mm)):
+    if representable(bench):
+        arrays["factors"] = np.stack([slab["factors"] for slab in slabs], axis=3)
+    if not representable(bench) and fine_enough(np.array(grid.sigma_t_per_mm)):
         step = float(np.log(grid.sigma_t_per_mm[1] / grid.sigma_t_per_mm[0]))
         _smooth(arrays, _nominal_rho(bench), step)
     arrays["albedo"], arrays["sigma_t"] = np.array(grid.albedo), np.array(grid.sigma_t_per_mm)
@@ -175,74 +165,31 @@ def _slab(
     seed, first_stream = random
     nominal = np.array([NOMINAL_NM])
     rho = _nominal_rho(bench)
-    albedo = np.array(grid.albedo)
+    albedo, sigma_t = np.array(grid.albedo), np.array(grid.sigma_t_per_mm)
+    paired = representable(bench)
 
-    def cell(index: int, sigma_t: float) -> Callable[[], _Cell]:
-        medium = OpticalProperties(nominal, np.zeros(1), np.array([sigma_t]), np.array([g]), None)
+    def cell(index: int) -> Callable[[], Cell]:
+        medium = OpticalProperties(nominal, np.zeros(1), sigma_t[[index]], np.array([g]), None)
         stack = flat_stacks(bench, sample, nominal, medium)[0]
-        return lambda: _cell(bench, stack, albedo, rho, paths, (seed, first_stream + 2 * index))
+        random = (seed, first_stream + 2 * index)
+        return lambda: trace_cell(bench, stack, albedo, rho, paths, random, paired)
 
-    cells = run_many([cell(i, s) for i, s in enumerate(grid.sigma_t_per_mm)], threads, progress)
-
-    errors = np.stack([c.errors for c in cells], axis=2)
-    return {
-        "black": np.stack([c.black for c in cells], axis=1),
-        "white": np.stack([c.white for c in cells], axis=1),
-        "collimated": np.stack([c.collimated for c in cells], axis=1),
-        "black_se": errors[0],
-        "white_se": errors[1],
-        "collimated_se": errors[2],
-        "exponent": bounce_bins()[1],
+    cells = run_many([cell(index) for index in range(len(sigma_t))], threads, progress)
+    slab = {
+        name: np.stack([getattr(c, name) for c in cells], axis=1)
+        for name in ("black", "white", "collimated", "unscattered")
     }
-
-
-def thinning(stack: FlatStack) -> float:
-    """Share of the paths that a cell gets.
-
-    A path through an optically thick sample costs up to twenty times as much as one through a
-    thin sample, while its relative variance is smaller; both get a similar error this way.
-    """
-    thick = float(np.sum(stack.sigma_t * stack.thickness))
-    return float(np.clip(1.5 / max(thick, 1e-9), 0.0625, 1.0))
-
-
-def _cell(
-    bench: Bench,
-    stack: FlatStack,
-    albedo: FloatArray,
-    rho: tuple[float, float],
-    paths: int,
-    random: tuple[int, int],
-) -> _Cell:
-    """One (sigma_t, g): panels and beam, all albedos, both backgrounds."""
-    seed, stream = random
-    log2_paths = max(4, round(np.log2(max(1, paths) * thinning(stack) / BLOCKS)))
-    panels = trace(
-        stack,
-        panels_setup(bench, stack.height),
-        Effort(BLOCKS, log2_paths),
-        seed=seed,
-        stream=stream,
-    )
-    beam = trace(
-        stack,
-        beam_setup(bench),
-        Effort(BLOCKS, max(4, log2_paths - 4)),
-        seed=seed,
-        stream=stream + 1,
-    )
-    black = panels.blocks_by_albedo(BLACK, albedo)
-    white = panels.blocks_by_albedo(WHITE, albedo)
-    share = beam_reference_share(bench, stack.height)
-    collimated, collimated_se = beam.estimate(BLACK, albedo)
-    errors = np.stack(
-        [
-            mean_and_error(black @ rho[0] ** panels.bounce)[1],
-            mean_and_error(white @ rho[1] ** panels.bounce)[1],
-            collimated_se / share,
-        ]
-    )
-    return _Cell(black.mean(axis=0), white.mean(axis=0), collimated / share, errors)
+    errors = np.stack([c.errors for c in cells], axis=2)
+    if paired:
+        n = float(np.asarray(sample.n))
+        where = (bench, sample.thickness_mm, n, albedo, sigma_t, g)
+        plane = plane_parts(*where)
+        straight = bench.beam.divergence_deg == 0.0
+        add_plane(slab, errors, plane, rho, sigma_t, straight)
+        slab["factors"] = factors_of(slab, plane_parts(*where, fast=True))
+    slab |= {f"{name}_se": errors[row] for row, name in enumerate(("black", "white", "collimated"))}
+    slab["exponent"] = bounce_bins()[1]
+    return slab
 
 
 def _from_arrays(arrays: dict[str, FloatArray], key: str) -> AppearanceMap:
@@ -251,4 +198,5 @@ def _from_arrays(arrays: dict[str, FloatArray], key: str) -> AppearanceMap:
         arrays["albedo"], arrays["sigma_t"], arrays["g"], float(thickness), float(n),
         arrays["exponent"], arrays["black"], arrays["white"], arrays["collimated"],
         arrays["black_se"], arrays["white_se"], arrays["collimated_se"], key,
+        arrays.get("factors"),
     )  # fmt: skip

@@ -86,6 +86,23 @@ def smoothed_error(relative_error: FloatArray, use: np.ndarray, step: float) -> 
     return np.where(use, np.sqrt(squared), relative_error)
 
 
+def smoothed_ratio(differences: FloatArray, scale: FloatArray, step: float) -> FloatArray:
+    """Smooth differences over a known scale along the second axis; linear, so without bias.
+
+    Args:
+        differences: noisy, shape (A, S, ...), evenly spaced in ln sigma_t along the second axis.
+        scale: what they are a smooth multiple of, same shape, not negative.
+        step: spacing in ln sigma_t.
+    """
+    weights = smoothing_matrix(differences.shape[1], step)
+    lit = scale > 1e-9 * scale.max()
+    ratio = np.where(lit, differences / np.where(lit, scale, 1.0), 0.0)
+    found = np.moveaxis(np.tensordot(weights, ratio, axes=(1, 1)), 0, 1) * scale
+    reach = (weights != 0.0).astype(float)
+    dark = np.moveaxis(np.tensordot(reach, (~lit).astype(float), axes=(1, 1)), 0, 1)
+    return np.where(dark < 0.5, found, differences)
+
+
 def refined_axis(nodes: FloatArray, parts: int) -> FloatArray:
     """Each step between nodes (N,) divided evenly: shape ((N - 1) parts + 1,)."""
     where = np.linspace(0, len(nodes) - 1, (len(nodes) - 1) * parts + 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -24,6 +25,8 @@ class AppearanceMap:
         black_se, white_se, collimated_se: standard errors at the bench's own backgrounds at
             550 nm, (A, S, G).
         key: content key of everything that the map depends on.
+        factors: logarithms of what multiplies the parts of the plane-parallel bench,
+            (5, A, S, G), see `twin.appearance.factors`; None where that engine cannot stand in.
     """
 
     albedo: FloatArray
@@ -39,6 +42,7 @@ class AppearanceMap:
     white_se: FloatArray
     collimated_se: FloatArray
     key: str = ""
+    factors: FloatArray | None = None
 
     @cached_property
     def shape(self) -> tuple[int, int, int]:
@@ -88,4 +92,10 @@ class AppearanceMap:
             black_se=finer(self.black_se),
             white_se=finer(self.white_se),
             collimated_se=finer(self.collimated_se),
+            factors=None if self.factors is None else _finer_factors(self.factors, finer),
         )
+
+
+def _finer_factors(factors: FloatArray, finer: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Factors on the finer grid; as they are logarithms of either sign, shifted to be smooth."""
+    return np.stack([np.log(finer(np.exp(row))) for row in factors])

@@ -19,6 +19,7 @@ MAX_ORDER = 20_000
 TWO_WAYS_G = 0.4
 CAPACITY = 2
 BLACK, WHITE, SIDE, COLLISION = range(4)
+UNBOUNDED_STACK = 2
 UP, DOWN = 0, 1
 
 TARGETS = {"none": 0, "panels": 1, "cone": 2, "hemisphere": 3, "direction": 4}
@@ -89,6 +90,8 @@ class Effort:
         lattice: sorted paths and low-discrepancy points (off: plain Monte Carlo).
         derivatives: also estimate d/d sigma_t and d/d g.
         balance: also count collisions and losses at the sides.
+        paired: also tell, by the same paths, what the unbounded stack of the plane-parallel
+            engine would give (channel `UNBOUNDED_STACK`): panels or cone above, no derivatives.
         first_scatter: share of paths that are made to scatter on their first flight, at least.
         split_albedo: 0 for no splitting; else an albedo of the sample for which paths are split
             and thinned so that as many as possible get through the stack, to the side where
@@ -104,6 +107,7 @@ class Effort:
     lattice: bool = True
     derivatives: bool = False
     balance: bool = False
+    paired: bool = False
     first_scatter: float = 0.5
     split_albedo: float = 0.0
 
@@ -154,9 +158,12 @@ class Tallies:
     ) -> FloatArray:
         """Block means at given albedos: shape (blocks, A, bounce bins)."""
         table = self.value if values is None else values
-        powers = np.asarray(albedo, dtype=np.float64)[:, None] ** self.order[None, :]
-        by_bounce: FloatArray = np.einsum("nbk,ak->nab", table[:, channel], powers, optimize=True)
-        return by_bounce
+        orders = table[:, channel]
+        # most bins of high order are empty: they need not be multiplied
+        used = int(np.max(np.nonzero(orders.any(axis=(0, 1)))[0], initial=0)) + 1
+        powers = np.asarray(albedo, dtype=np.float64)[None, :] ** self.order[:used, None]
+        by_bounce: FloatArray = orders[..., :used] @ powers
+        return np.moveaxis(by_bounce, 1, 2)
 
     def estimate(
         self, channel: int, albedo: FloatArray, rho: float = 1.0
@@ -243,6 +250,8 @@ def trace(
         raise ValueError("derivatives need a stack whose only scattering layer is the sample")
     if not 0.0 <= effort.split_albedo <= 1.0:
         raise ValueError(f"split_albedo is {effort.split_albedo}; expected 0 to 1")
+    if effort.paired and (effort.balance or effort.derivatives or setup.down != "none"):
+        raise ValueError("a paired trace tells panels or a cone above, without balance or slopes")
     problem = connect.Problem()
     problem.start_from_below = int(setup.from_below)
     problem.start_sine = np.sin(setup.polar)
@@ -273,6 +282,7 @@ def trace(
     problem.first_scatter = effort.first_scatter
     problem.lattice = int(effort.lattice)
     problem.max_order = MAX_ORDER
+    problem.paired = int(effort.paired)
 
     def array(values: Any, dtype: Any = float) -> Any:
         return wp.array(values, dtype=dtype, device=device)
@@ -292,7 +302,8 @@ def trace(
 
     order_bin, order = order_bins()
     bounce_bin, bounce = bounce_bins()
-    shape = (effort.blocks, 4 if effort.balance else 2, len(bounce), len(order))
+    channels = 4 if effort.balance else 3 if effort.paired else 2
+    shape = (effort.blocks, channels, len(bounce), len(order))
     tally = connect.Tally()
     tally.value = wp.zeros(shape, dtype=wp.float64, device=device)
     extra = shape if effort.derivatives else (1, 1, 1, 1)

@@ -25,6 +25,8 @@ from twin.transport.connect_kernels import (
     Tally,
     connect_background,
     connect_scatter,
+    connect_unbounded,
+    connect_unbounded_background,
     score,
     score_unscattered,
 )
@@ -63,6 +65,7 @@ CHANNEL_BLACK = wp.constant(0)
 CHANNEL_WHITE = wp.constant(1)
 CHANNEL_DOWN = wp.constant(1)
 CHANNEL_SIDE = wp.constant(2)
+CHANNEL_UNBOUNDED = wp.constant(2)
 CHANNEL_COLLISION = wp.constant(3)
 FAR = wp.constant(1.0e30)
 FULL = wp.constant(0.999)
@@ -173,6 +176,12 @@ def scatter_event(
             score(tally, row, CHANNEL_BLACK, path.bounces, path.order, c, ds, dg)
         if path.on_white == 1 and problem.has_background == 1:
             score(tally, row, CHANNEL_WHITE, path.bounces, path.order, c, ds, dg)
+        if problem.paired == 1:
+            c = path.weight * connect_unbounded(
+                problem, stack, layer, path.at[2], path.direction, scattered,
+                points[AIM_U], points[AIM_V], points[AIM_PICK],
+            )  # fmt: skip
+            score(tally, row, CHANNEL_UNBOUNDED, path.bounces, path.order, c, 0.0, 0.0)
     if problem.target_down != 0:
         joined = connect_scatter(
             problem, stack, problem.target_down, -1.0, layer, path.at, path.direction, scattered,
@@ -215,7 +224,8 @@ def bounce_event(
         path.on_black = 0
     if not on_background(problem.white_disc, problem.white_half_x, problem.white_half_y, x, y):
         path.on_white = 0
-    if (path.on_black == 0 and path.on_white == 0) or path.bounces >= 63:
+    lost = path.on_black == 0 and path.on_white == 0 and problem.paired == 0
+    if lost or path.bounces >= 63:
         path.alive = 0
         return path
     path.bounces = path.bounces + 1
@@ -229,10 +239,26 @@ def bounce_event(
         score(tally, row, CHANNEL_BLACK, path.bounces, path.order, c, ds, dg)
     if path.on_white == 1:
         score(tally, row, CHANNEL_WHITE, path.bounces, path.order, c, ds, dg)
+    if problem.paired == 1:
+        c = path.weight * connect_unbounded_background(
+            problem, stack, points[AIM_U], points[AIM_V], points[AIM_PICK]
+        )
+        score(tally, row, CHANNEL_UNBOUNDED, path.bounces, path.order, c, 0.0, 0.0)
     up = cosine_cone(1.0, points[SCATTER], points[AZIMUTH])
     path.direction = up
     path.at = wp.vec3(x, y, stack.bottom[problem.n_layers - 1] - problem.gap)
     path.layer = problem.n_layers
+    return path
+
+
+@wp.func
+def leave_sideways(problem: Problem, before: Path) -> Path:
+    """A path beyond a side of the stack: lost, or alive in the unbounded stack alone."""
+    path = before
+    path.on_black = 0
+    path.on_white = 0
+    if problem.paired == 0:
+        path.alive = 0
     return path
 
 
@@ -247,7 +273,7 @@ def enter_from_gap(problem: Problem, stack: Stack, before: Path, u: float) -> Pa
     layer = problem.n_layers - 1
     path.at = wp.vec3(x, y, stack.bottom[layer])
     if wp.abs(x) > problem.half_x or wp.abs(y) > problem.half_y:
-        path.alive = 0
+        path = leave_sideways(problem, path)
     reflectance, cosine = fresnel(1.0, stack.n[layer], up[2])
     if u < reflectance:
         path.direction = wp.vec3(up[0], up[1], -up[2])
@@ -335,6 +361,11 @@ def fly(
             to_side = (problem.half_x - wp.sign(dx) * x) / wp.abs(dx)
         if dy != 0.0:
             to_side = wp.min(to_side, (problem.half_y - wp.sign(dy) * y) / wp.abs(dy))
+        beyond = float(FAR)
+        if problem.paired == 1:
+            # the unbounded stack has no sides; what the bounded one loses is noted below
+            beyond = to_side
+            to_side = float(FAR)
         if sigma > 0.0:
             if first_flight == 1 and stay == 1:
                 kept = share_kept(problem, stack, layer, dz, sigma, to_face, to_side)
@@ -360,6 +391,8 @@ def fly(
             path.alive = 0
             moving = 0
         else:
+            if step > beyond:
+                path = leave_sideways(problem, path)
             x = x + dx * step
             y = y + dy * step
             z = z + dz * step

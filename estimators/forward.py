@@ -22,7 +22,7 @@ from twin.spectra import FloatArray
 if TYPE_CHECKING:
     from jax import Array
 
-    from twin.adding_doubling import CapturesModel, Parameters
+    from twin.adding_doubling import CapturesModel, Constants, Form, Parameters
     from twin.appearance import AppearanceMap, FiniteFactors
 
 DARKEST = 1e-4
@@ -120,28 +120,50 @@ class Forward:
         return cast("tuple[Array, Array]", found)
 
 
+def captures_of(
+    parameters: Parameters, constants: Constants, factors: tuple[FiniteFactors, ...], form: Form
+) -> Array:
+    """Captures, (W, S, 3): what programs are built from; benches of one form share them.
+
+    Args:
+        parameters: of W wavelengths.
+        constants: of `Forward.captures`.
+        factors: of `Forward.factors`.
+        form: of `Forward.captures`.
+    """
+    from twin.adding_doubling import parts_of
+    from twin.appearance import finite_captures
+
+    parts = parts_of(parameters, constants, form)
+    if not factors:
+        rho = (parameters.rho_black[:, None], parameters.rho_white[:, None])
+        return parts.captures(*rho)
+    return cast("Array", finite_captures(parts, factors, parameters))
+
+
+def captures_and_slopes(
+    parameters: Parameters,
+    constants: Constants,
+    factors: tuple[FiniteFactors, ...],
+    form: Form,
+    names: tuple[str, ...],
+) -> tuple[Array, Array]:
+    """`captures_of`, and the derivatives by the named parameters, (W, S, 3, names)."""
+    from twin.adding_doubling import value_and_slopes
+
+    return value_and_slopes(
+        lambda moved: captures_of(moved, constants, factors, form), parameters, names
+    )
+
+
 @lru_cache(maxsize=1)
 def _programs() -> tuple[Any, Any]:
     """The compiled programs: captures, and captures with slopes; shared by all benches."""
     import jax
 
-    from twin.adding_doubling import parts_of, value_and_slopes
-    from twin.appearance import finite_captures
-
-    def forward(parameters: Parameters, constants: Any, factors: Any, form: Any) -> Any:
-        return finite_captures(parts_of(parameters, constants, form), factors, parameters)
-
-    def slopes(
-        parameters: Parameters, constants: Any, factors: Any, form: Any, names: tuple[str, ...]
-    ) -> Any:
-        def moved(values: Parameters) -> Any:
-            return forward(values, constants, factors, form)
-
-        return value_and_slopes(moved, parameters, names)
-
     return (
-        jax.jit(forward, static_argnames=("form",)),
-        jax.jit(slopes, static_argnames=("form", "names")),
+        jax.jit(captures_of, static_argnames=("form",)),
+        jax.jit(captures_and_slopes, static_argnames=("form", "names")),
     )
 
 

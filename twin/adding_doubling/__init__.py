@@ -14,6 +14,8 @@ prepare_jax()
 from twin.adding_doubling.captures import STATED_BOUND, captures  # noqa: E402
 from twin.adding_doubling.model import (  # noqa: E402
     CapturesModel,
+    Constants,
+    Form,
     Parameters,
     Parts,
     captures_model,
@@ -26,6 +28,8 @@ from twin.adding_doubling.streams import Streams, make_streams  # noqa: E402
 __all__ = [
     "STATED_BOUND",
     "CapturesModel",
+    "Constants",
+    "Form",
     "Parameters",
     "Parts",
     "SlabOptics",

@@ -1,0 +1,134 @@
+"""A finished stress test as files: every point as a row, the scores, the summary."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenarios.outputs import canonical_json, file_digest
+from scenarios.simulate import software
+from scenarios.stress.parts import Case, Outcome
+from scenarios.stress.ranking import ranking
+from scenarios.stress.score import COVERAGES, PARAMETERS, Score, score_of, status_name
+from twin.files import write_atomically
+
+POINTS, SCORES, PLAN = "points.csv", "scores.json", "plan.json"
+REPORT, SUMMARY, TIMING = "report.html", "summary.json", "timing.json"
+"""Names of the files in an output folder; only the last differs from run to run."""
+CAPTURES = ("black", "white", "collimated")
+
+
+def scores_of(outcome: Outcome) -> dict[Case, Score]:
+    """The score of every estimator on every bench at every noise level."""
+    truth = outcome.design.material
+    return {case: score_of(truth, answers) for case, answers in outcome.answers.items()}
+
+
+def worlds_of(outcome: Outcome) -> list[tuple[str, float]]:
+    """Benches and noise levels, in the order of the plan."""
+    return list(dict.fromkeys((case.bench, case.noise) for case in outcome.answers))
+
+
+def light_facts(outcome: Outcome, bench: str, noise: float) -> dict[str, Any]:
+    """By capture: the noise, and how much of it is the error of the simulated light.
+
+    Medians over points and samples; the share also at its 90 % quantile.
+    """
+    share = outcome.light_share[bench, noise]
+    sigma = outcome.relative_sigma[bench, noise]
+    return {
+        capture: {
+            "median_relative_standard_error": _quantile(sigma[..., index], 0.5),
+            "median_light_share": _quantile(share[..., index], 0.5),
+            "p90_light_share": _quantile(share[..., index], 0.9),
+        }
+        for index, capture in enumerate(CAPTURES)
+    }
+
+
+def write_outcome(outcome: Outcome, folder: Path, name: str) -> dict[str, Any]:
+    """Write every file; returns the summary with times, which no file but `timing.json` holds.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    from scenarios.stress.report import render
+
+    scores = scores_of(outcome)
+    plan = outcome.plan.model_dump(mode="json")
+    worlds = [_world(outcome, scores, *world) for world in worlds_of(outcome)]
+    _write(folder / POINTS, points_csv(outcome))
+    _write(folder / SCORES, canonical_json({"worlds": worlds}) + "\n")
+    _write(folder / PLAN, canonical_json(plan) + "\n")
+    _write(folder / REPORT, render(outcome, scores, name))
+    summary = {
+        "command": "stress",
+        "plan": name,
+        "seed": outcome.plan.seed,
+        "software": software(),
+        "points": len(outcome.design),
+        "worlds": [
+            {key: world[key] for key in ("bench", "noise", "ranking", "light")} for world in worlds
+        ],
+        "raised": list(outcome.raised),
+        "files": {file: file_digest(folder / file) for file in (POINTS, SCORES, PLAN, REPORT)},
+    }
+    _write(folder / SUMMARY, canonical_json(summary) + "\n")
+    seconds = [
+        {"bench": case.bench, "noise": case.noise, "estimator": case.estimator, "seconds": value}
+        for case, value in outcome.seconds.items()
+    ]
+    _write(folder / TIMING, canonical_json({"seconds_per_1000_wavelengths": seconds}) + "\n")
+    return {"folder": str(folder), **summary, "seconds_per_1000_wavelengths": seconds}
+
+
+def points_csv(outcome: Outcome) -> str:
+    """One row for every point and case: truth, estimate, stated error, intervals, status."""
+    header = ["bench", "noise", "estimator", "point", "visit", "status"]
+    for parameter in PARAMETERS:
+        header += [f"{parameter}_true", parameter, f"{parameter}_se", f"{parameter}_identifiable"]
+        for coverage in COVERAGES:
+            header += [f"{parameter}_{side}{100 * coverage:g}" for side in ("low", "high")]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    truth, visit = outcome.design.material, outcome.design.visit
+    for case, answers in outcome.answers.items():
+        for point in range(len(answers)):
+            row: list[object] = [case.bench, f"{case.noise:g}", case.estimator, point, visit[point]]
+            row.append(status_name(int(answers.status[point])))
+            for index in range(len(PARAMETERS)):
+                row += [_number(truth[point, index]), _number(answers.value[point, index])]
+                row += [_number(answers.sigma[point, index])]
+                row += [int(answers.identifiable[point, index])]
+                row += [_number(end) for end in answers.interval[:, :, point, index].ravel()]
+            writer.writerow(row)
+    return text.getvalue()
+
+
+def _world(outcome: Outcome, scores: dict[Case, Score], bench: str, noise: float) -> dict[str, Any]:
+    mine = {c.estimator: s for c, s in scores.items() if (c.bench, c.noise) == (bench, noise)}
+    return {
+        "bench": bench,
+        "noise": noise,
+        "ranking": ranking(mine),
+        "estimators": {title: score.plain() for title, score in mine.items()},
+        "light": light_facts(outcome, bench, noise),
+    }
+
+
+def _number(value: float) -> str:
+    return f"{value:.9g}" if np.isfinite(value) else ""
+
+
+def _quantile(values: Any, level: float) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.quantile(finite, level)) if finite.size else float("nan")
+
+
+def _write(path: Path, text: str) -> None:
+    write_atomically(path, text.encode())

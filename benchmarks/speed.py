@@ -1,4 +1,4 @@
-"""Speed of the estimators that use the fast engine: least squares of 1000 wavelengths.
+"""Speed of the estimators that use the fast engine: least squares, and the posterior.
 
 Keys:
 
@@ -9,6 +9,7 @@ Keys:
   wavelength, so that no neighbour helps.
 - `lsq_31_ms`: 31 wavelengths.
 - `lsq_cold_s`: the first estimate, engine compiled or read from the compilation cache.
+- `posterior_*`, `min_ess`: see `benchmarks.posterior_speed`.
 - `lsq_settled`: share of wavelengths that settled; `lsq_median_error_*`: against the truth.
 """
 
@@ -55,6 +56,7 @@ def run(quick: bool) -> dict[str, object]:
     Args:
         quick: a tenth of the wavelengths, under the same keys.
     """
+    from benchmarks import posterior_speed
     from estimators import Status
     from tests.estimators.least_squares_world import materials, smooth_material, visit
 
@@ -87,4 +89,5 @@ def run(quick: bool) -> dict[str, object]:
         "lsq_median_error_sigma_t_per_mm": float(errors[1]),
         "lsq_median_error_g": float(errors[2]),
         "statuses": result.counts(),
+        **posterior_speed.run(quick),
     }

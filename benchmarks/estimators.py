@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-ESTIMATORS = ("lut", "least-squares", "posterior")
+ESTIMATORS = ("lut-seed", "lut", "least-squares", "posterior")
 NOISE = 2.0
 SHORT = {"albedo": "albedo", "sigma_t_per_mm": "sigma_t_relative", "g": "g"}
 
@@ -29,7 +29,8 @@ def run(quick: bool) -> dict[str, Any]:
 
     Returns:
         median_error_*: median absolute errors by estimator, at the points that all of them answer;
-        ratio_to_lut_*: least squares' and the posterior's in units of the look-up table's;
+        ratio_to_lut_seed_*, ratio_to_lut_*: in units of those of the look-up table as the seed
+            describes it, and of ours;
         coverage90: share of the 90 % intervals that hold the truth wherever the estimator calls
         the parameter identifiable, by estimator, all parameters together; coverage90_*: by
         parameter; overconfident_fraction: points at which any such value is more than 5 stated
@@ -100,10 +101,13 @@ def _errors(truth: Any, answers: dict[str, Any]) -> dict[str, Any]:
             for title, own in working.items()
         }
         found[f"median_error_{short}"] = medians
-        if "lut" in medians:
-            found[f"ratio_to_lut_{short}"] = {
-                title: value / medians["lut"] for title, value in medians.items() if title != "lut"
-            }
+        for table in ("lut-seed", "lut"):
+            if table in medians:
+                found[f"ratio_to_{table.replace('-', '_')}_{short}"] = {
+                    title: value / medians[table]
+                    for title, value in medians.items()
+                    if title != table
+                }
     return found
 
 

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from estimators.beer_law import beer_check
 from estimators.protocol import BenchModel, fingerprint
 from estimators.result import (
     QUANTILE_LEVELS,
@@ -13,9 +14,11 @@ from estimators.result import (
     Status,
     gaussian_quantiles,
 )
+from estimators.screening import counted, impossible, left_out, screen
 from twin.measurement.relative import RelativeIntensities
-from twin.optics import sigma_t_from_transmittance, stack_transmittance
-from twin.spectra import FloatArray
+from twin.optics import stack_transmittance
+
+__all__ = ["BeerEstimator", "BeerSettings", "beer_check"]
 
 
 @dataclass(frozen=True)
@@ -26,29 +29,6 @@ class BeerSettings:
     """A collimated intensity below so many standard deviations counts as lost in noise."""
     inconsistent_sigma: float = 4.0
     """Samples that differ by more standard deviations are called inconsistent."""
-
-
-def beer_check(
-    intensities: RelativeIntensities, model: BenchModel
-) -> tuple[FloatArray, FloatArray]:
-    """sigma_t [1/mm] from the collimated capture and its standard error, both (S, W).
-
-    All internal reflections of faces and covers are taken off in closed form; in-scattered
-    light is not, so that strong forward scattering makes sigma_t too small (Iser et al. 2022,
-    fig. 6). NaN where the capture is masked or not positive.
-    """
-    count = len(intensities.sample_names)
-    values, errors = [], []
-    for sample in range(count):
-        valid = np.asarray(intensities.valid)[sample, 2]
-        total = np.where(valid, np.asarray(intensities.value)[sample, 2], np.nan)
-        sigma_t, slope = sigma_t_from_transmittance(
-            total, float(intensities.thickness_mm[sample]), model.windows(sample)
-        )
-        variance = np.asarray(intensities.covariance)[:, 3 * sample + 2, 3 * sample + 2]
-        values.append(sigma_t)
-        errors.append(np.abs(slope) * np.sqrt(variance))
-    return np.stack(values), np.stack(errors)
 
 
 class BeerEstimator:
@@ -70,15 +50,16 @@ class BeerEstimator:
         self.model.check(intensities)
         sigma_t, error = beer_check(intensities, self.model)
         samples, count = sigma_t.shape
-        measured = np.asarray(intensities.value)[:, 2]
-        noise = np.sqrt(np.diagonal(intensities.covariance, axis1=1, axis2=2)[:, 2::3].T)
-        masked = ~np.asarray(intensities.valid)[:, 2] | ~np.isfinite(measured)
+        limit = self.settings.lost_sigma
+        screened = screen(self.model, intensities, limit)
+        measured, noise = screened.value[:, 2], screened.sigma[:, 2]
+        masked = ~screened.usable[:, 2]
         with np.errstate(invalid="ignore"):
-            lost = ~masked & (measured <= self.settings.lost_sigma * noise)
-            excess = ~masked & (sigma_t < -self.settings.lost_sigma * error)
+            wrong = ~masked & ((sigma_t < -limit * error) | (measured < -limit * noise - 1e-12))
+            lost = ~masked & (measured <= limit * noise)
         sample_status = np.select(
-            [masked, lost, excess],
-            [Status.MASKED, Status.COLLIMATED_LOST, Status.CONTRADICTORY],
+            [masked, wrong, lost],
+            [Status.MASKED, Status.CONTRADICTORY, Status.COLLIMATED_LOST],
             Status.OK,
         ).astype(np.int8)
         usable = sample_status == Status.OK
@@ -101,7 +82,7 @@ class BeerEstimator:
 
         status = np.where(some, Status.OK, sample_status.min(axis=0)).astype(np.int8)
         status[some & exact.any(axis=0)] = Status.NO_NOISE_STATED
-        status[torn] = Status.INCONSISTENT
+        status[torn | (some & impossible(sample_status))] = Status.INCONSISTENT
         status[some & (mean < 0.0)] = Status.AT_BOUND
         covariance = np.full((count, 3, 3), np.nan)
         covariance[:, 1, 1] = variance
@@ -150,5 +131,9 @@ class BeerEstimator:
             fingerprint=fingerprint(
                 intensities, self.model.fingerprint_parts(), [self.name, repr(settings)]
             ),
-            messages=tuple(intensities.reasons),
+            messages=(
+                *intensities.reasons,
+                *left_out(intensities.sample_names, sample_status, status),
+                *counted(status),
+            ),
         )

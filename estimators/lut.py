@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.beer import beer_check
+from estimators.beer_law import beer_check
 from estimators.draws import NINETY_HIGH, NINETY_LOW
+from estimators.lut_index import at_the_map, brought
 from estimators.lut_neighbourhood import Neighbourhoods
 from estimators.lut_plain import Table, look_up_measured, residuals
 from estimators.lut_settings import LutSettings
 from estimators.map_grid import MapNodes
 from estimators.protocol import BenchModel, fingerprint
 from estimators.result import QUANTILE_LEVELS, EstimateResult, Status
+from estimators.screening import counted, impossible, left_out, screen
 from twin.errors import InputError
 from twin.measurement.relative import RelativeIntensities
 from twin.spectra import FloatArray
@@ -69,10 +71,16 @@ class LutEstimator:
         model.check(intensities)
         self._check_thickness(intensities)
         count = model.wavelength_nm.size
-        covariance = np.where(
-            np.isfinite(intensities.covariance), intensities.covariance, 0.0
-        ).astype(np.float64)
-        cut = look_up_measured(self._tables, intensities, covariance, options)
+        screened = screen(model, _needed(intensities, options), options.lost_sigma)
+        cut = look_up_measured(self._tables, screened, options)
+        mapped = at_the_map(model, model.maps)
+        if mapped is not None:
+            first = np.stack(
+                [table.grid.parameters(cut.place[s]) for s, table in enumerate(self._tables)]
+            )
+            screened = brought(model, mapped, intensities.thickness_mm, first, screened)
+            cut = look_up_measured(self._tables, screened, options)
+        covariance = screened.covariance
         with np.errstate(invalid="ignore"):
             alone = np.stack(
                 [
@@ -101,12 +109,14 @@ class LutEstimator:
 
         identifiable = self._identifiable(quantile, estimate)
         status = _worst_needed(sample_status)
-        noiseless = (np.diagonal(covariance, axis1=1, axis2=2) == 0.0).all(axis=1)
-        status[noiseless & (status == Status.OK)] = Status.NO_NOISE_STATED
+        status[screened.noiseless & (status == Status.OK)] = Status.NO_NOISE_STATED
         wanted = identifiable[:, :2] if options.fixed_g is not None else identifiable
         vague = ~wanted.all(axis=1) & (status < Status.NOT_IDENTIFIABLE)
         status[vague] = Status.NOT_IDENTIFIABLE
+        torn |= impossible(sample_status)
         status[torn & (status < Status.INCONSISTENT)] = Status.INCONSISTENT
+        # Without the beam's light the thickness bounds sigma_t from below, and nothing from above.
+        identifiable[status == Status.COLLIMATED_LOST, 1] = False
         # Where no sample lies in the map, the nearest material of the nearest sample is shown.
         stranded = np.isnan(estimate).any(axis=1)
         reach = np.where(np.isfinite(cut.distance), cut.distance, np.inf)
@@ -114,7 +124,7 @@ class LutEstimator:
         estimate = np.where((stranded & (status == Status.OUTSIDE_MAP))[:, None], closest, estimate)
         identifiable[status >= Status.OUTSIDE_MAP] = False
 
-        residual, normalised = residuals(self._tables, intensities, covariance, estimate)
+        residual, normalised = residuals(self._tables, screened, estimate)
         beer, beer_error = beer_check(intensities, model)
         settings = {
             key: "none" if value is None else value
@@ -147,7 +157,11 @@ class LutEstimator:
                 model.fingerprint_parts(),
                 [self.name, repr(settings), *(table.grid.digest for table in self._tables)],
             ),
-            messages=tuple(intensities.reasons),
+            messages=(
+                *intensities.reasons,
+                *left_out(intensities.sample_names, sample_status, status),
+                *counted(status),
+            ),
         )
 
     def _check_thickness(self, intensities: RelativeIntensities) -> None:
@@ -179,6 +193,15 @@ class LutEstimator:
         if self.settings.fixed_g is not None:
             narrow[:, 2] = False
         return np.asarray(narrow & np.isfinite(estimate))
+
+
+def _needed(intensities: RelativeIntensities, options: LutSettings) -> RelativeIntensities:
+    """The captures that the look-up uses: with a fixed g not the collimated one."""
+    if options.fixed_g is None:
+        return intensities
+    valid = np.asarray(intensities.valid).copy()
+    valid[:, 2] = False
+    return replace(intensities, valid=valid)
 
 
 def _worst_needed(sample_status: NDArray[np.int8]) -> NDArray[np.int8]:

@@ -33,6 +33,10 @@ FAR = 16.27
 """Squared distance beyond which chance (1 in 1000, three captures) does not explain it."""
 EDGE_STEPS = (0, 0, 16)
 """Most projection steps of one draw where the map is an edge."""
+LOST_STEPS = (0, 0, 32)
+"""The same of one draw without the beam's light."""
+HELD = 1e-6
+"""Unit of g where it is given."""
 DRAW_STEPS = (16, 32, 6)
 """Most search steps of one draw; draws outside the map need no exact distance."""
 
@@ -74,7 +78,10 @@ class Neighbourhoods:
         kept = np.zeros((samples, count, options.draws), dtype=bool)
         drawn = self._draw(first, last)
         for s, table in enumerate(self.tables):
+            lost = np.flatnonzero(status[s] == Status.COLLIMATED_LOST)
+            self._without_beam(s, drawn[s], lost, first, estimates, kept)
             seek = np.flatnonzero(status[s] < Status.CONTRADICTORY)
+            seek = seek[status[s, seek] != Status.COLLIMATED_LOST]
             triple = drawn[s][seek]
             possible = np.isfinite(triple).all(axis=2)
             row, draw = np.nonzero(possible)
@@ -99,8 +106,8 @@ class Neighbourhoods:
             status[s, (status[s] == Status.OUTSIDE_MAP) & reaching] = Status.AT_BOUND
             # Where the map is an edge (nothing scatters, no light comes back) hardly a draw
             # meets it, however near it is: there the draws are projected to the map.
-            edge = ~reaching & (status[s] != Status.COLLIMATED_LOST) & (cut.misfit[s, here] < FAR)
-            edge &= status[s] < Status.CONTRADICTORY
+            edge = ~reaching & (status[s] < Status.CONTRADICTORY) & (cut.misfit[s, here] < FAR)
+            edge &= status[s] != Status.COLLIMATED_LOST
             if edge.any():
                 self._project(s, drawn[s], np.flatnonzero(edge), first, estimates, kept)
                 status[s, edge] = Status.AT_BOUND
@@ -154,14 +161,7 @@ class Neighbourhoods:
         row, draw = np.nonzero(possible)
         start = cut.place[s, here][seek][row]
         if options.fixed_g is None:
-            anywhere = np.stack(
-                [
-                    stream(options.seed, first + int(w), 1 + s).uniform(
-                        0, table.grid.shape[2] - 1, options.draws
-                    )
-                    for w in seek
-                ]
-            )
+            anywhere = self._strewn(seek, first, 1)[..., 0] * (table.grid.shape[2] - 1)
             start[:, 2] = anywhere[row, draw]
         found = look_up(
             table.grid,
@@ -175,6 +175,70 @@ class Neighbourhoods:
         )
         kept[s, seek] = possible
         estimates[s, seek[row], draw] = table.grid.parameters(found.place)
+
+    def _without_beam(
+        self,
+        s: int,
+        drawn: FloatArray,
+        seek: NDArray[np.int64],
+        first: int,
+        estimates: FloatArray,
+        kept: NDArray[np.bool_],
+    ) -> None:
+        """Put materials that fit black and white alone into `estimates` and `kept`.
+
+        Without the beam's light any g may be: it is strewn over the map, and black and white
+        are looked up in its plane. Where they leave sigma_t open it stays where the search
+        starts, strewn from the least that loses the beam. What lets more of the beam through
+        than the noise could hide does not count.
+        """
+        if not seek.size:
+            return
+        options, cut, table = self.settings, self.cut, self.tables[s]
+        here, planes = slice(first, first + drawn.shape[0]), table.grid.planes
+        possible = np.isfinite(drawn[seek][..., :2]).all(axis=2)
+        row, draw = np.nonzero(possible)
+        w = seek[row]
+        anywhere = self._strewn(seek, first, 2)[row, draw]
+        last = np.array(table.grid.shape) - 1
+        start = cut.place[s, here][w]
+        start[:, 1] += anywhere[:, 1] * (last[1] - start[:, 1])
+        start[:, 2] = anywhere[:, 0] * last[2]
+        target = drawn[w, draw].copy()
+        target[:, 2] = np.interp(start[:, 2], np.arange(last[2] + 1.0), table.grid.axes[2])
+        scale = np.maximum(cut.scale[s, here], 1e-12)
+        if options.neighbourhood == "epsilon":
+            scale = np.maximum(scale, options.epsilon)
+        # g is held: its unit is far below what black and white could gain by moving it.
+        scale[:, 2] = HELD
+        found = look_up(
+            planes,
+            target,
+            w.astype(np.int32),
+            table.power[here],
+            start,
+            scale,
+            steps=LOST_STEPS,
+            threads=1,
+        )
+        misfit = np.sum((found.rest / scale[w])[:, :2] ** 2, axis=1)
+        through = table.grid.captures(found.place, table.power[here][w])[:, 2]
+        fits = (misfit < FAR) & (through <= cut.triple[s, here][w, 2])
+        kept[s, w, draw] = fits
+        estimates[s, w, draw] = table.grid.parameters(found.place)
+
+    def _strewn(self, seek: NDArray[np.int64], first: int, columns: int) -> FloatArray:
+        """Uniform numbers from 0 to 1 for what captures leave open, (W', draws, columns).
+
+        The same for every sample: what no sample tells, many samples do not tell either.
+        """
+        options = self.settings
+        return np.stack(
+            [
+                stream(options.seed, first + int(w), 1).uniform(size=(options.draws, columns))
+                for w in seek
+            ]
+        )
 
     def _ranges(self) -> list[tuple[float, float]]:
         """Least and greatest parameter of all maps."""
@@ -212,20 +276,6 @@ class Neighbourhoods:
         if options.fixed_g is not None:
             drawn[..., 2] = options.fixed_g
             return drawn
-        for s, table in enumerate(self.tables):
-            lost = np.flatnonzero(cut.status[s, here] == Status.COLLIMATED_LOST)
-            if lost.size:
-                # Anything between the map's darkest node and the bound fits the captures.
-                share = (
-                    0.5
-                    + 0.5
-                    * uniform_draws(1, count, options.draws, options.seed ^ (s + 1), first)[
-                        lost, :, 0
-                    ]
-                )
-                floor = float(table.grid.third.min())
-                bound = cut.triple[s, here][lost, 2][:, None]
-                drawn[s, lost, :, 2] = floor + share * (bound - floor)
         return drawn
 
 

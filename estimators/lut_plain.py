@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from estimators.lut_settings import LutSettings
 from estimators.map_grid import MapNodes
 from estimators.result import Status
+from estimators.screening import Screened
 from estimators.search import search
-from twin.measurement.relative import RelativeIntensities
 from twin.spectra import FloatArray
 
 
@@ -39,23 +39,20 @@ class Plain(NamedTuple):
 
 def look_up_measured(
     tables: list[Table],
-    intensities: RelativeIntensities,
-    covariance: FloatArray,
+    screened: Screened,
     options: LutSettings,
 ) -> Plain:
     """Look up the measured captures themselves, and say what cannot be.
 
     Args:
         tables: one per sample.
-        intensities: what was measured.
-        covariance: of the intensities, finite, shape (W, 3S, 3S).
+        screened: what was measured and can be used.
         options: of the estimator.
     """
-    samples, count = len(tables), len(covariance)
+    samples, _, count = screened.value.shape
     needs = 2 if options.fixed_g is not None else 3
-    value = np.asarray(intensities.value, dtype=np.float64)
-    variance = np.diagonal(covariance, axis1=1, axis2=2).T.reshape(samples, 3, count)
-    usable = np.asarray((intensities.valid & np.isfinite(value))[:, :needs].all(axis=1))
+    usable = np.asarray(screened.usable[:, :needs].all(axis=1))
+    contradictory = screened.status == Status.CONTRADICTORY
     triple = np.full((samples, count, 3), np.nan)
     place = np.full((samples, count, 3), np.nan)
     scale = np.ones((samples, count, 3))
@@ -64,13 +61,11 @@ def look_up_measured(
     status = np.full((samples, count), Status.MASKED, dtype=np.int8)
     limit = options.lost_sigma
     for s, table in enumerate(tables):
-        black, white, through = value[s]
-        noise = np.sqrt(variance[s])
-        both = np.sqrt(variance[s, 0] + variance[s, 1])
+        black, white, through = screened.value[s]
+        noise = screened.sigma[s]
+        wrong = usable[s] & contradictory[s]
         with np.errstate(invalid="ignore", divide="ignore"):
-            wrong = usable[s] & (black - white > limit * both + 1e-12)
             if needs == 3:
-                wrong |= usable[s] & (through > 1.0 + limit * noise[2])
                 lost = usable[s] & ~wrong & ((through <= limit * noise[2]) | (through <= 0))
                 third, third_se = np.log(through), noise[2] / through
             else:
@@ -116,16 +111,13 @@ def look_up_measured(
 
 def residuals(
     tables: list[Table],
-    intensities: RelativeIntensities,
-    covariance: FloatArray,
+    screened: Screened,
     estimate: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Predicted minus measured captures, plain and in standard deviations, both (S, 3, W)."""
     samples, count = len(tables), len(estimate)
     residual = np.full((samples, 3, count), np.nan)
     normalised = np.full((samples, 3, count), np.nan)
-    variance = np.diagonal(covariance, axis1=1, axis2=2).T.reshape(samples, 3, count)
-    valid = np.asarray(intensities.valid)
     for s, table in enumerate(tables):
         place = table.grid.places(estimate)
         triple = table.grid.captures(place, table.power)
@@ -135,9 +127,9 @@ def residuals(
         else:
             triple[:, 2] = np.exp(triple[:, 2])
             errors[:, 2] *= triple[:, 2]
-        difference = triple.T - np.asarray(intensities.value)[s]
-        residual[s] = np.where(valid[s], difference, np.nan)
+        difference = triple.T - screened.value[s]
+        residual[s] = np.where(screened.usable[s], difference, np.nan)
         with np.errstate(invalid="ignore", divide="ignore"):
-            total = np.sqrt(variance[s] + errors.T**2)
+            total = np.hypot(screened.sigma[s], errors.T)
             normalised[s] = np.where(total > 0, residual[s] / total, np.nan)
     return residual, normalised

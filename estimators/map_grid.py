@@ -6,7 +6,8 @@ A place is a point in grid coordinates (node number plus fraction along albedo, 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -155,6 +156,14 @@ class MapNodes:
             fixed_g is not None,
             digest.hexdigest(),
         )
+
+    @cached_property
+    def planes(self) -> MapNodes:
+        """The same map with g itself for the third capture: black and white at a known g."""
+        third = np.broadcast_to(self.axes[2], self.shape).reshape(-1).copy()
+        se = self.se.copy()
+        se[:, 2] = 0.0
+        return replace(self, third=third, se=se, fixed_g=True, _trees={}, _bends={})
 
     def power(self, rho_black: FloatArray, rho_white: FloatArray) -> FloatArray:
         """Background reflectances (W,) to the map's exponents, black then white, (W, 2B)."""

@@ -69,7 +69,8 @@ _TEXTS = {
         "(albedo 0 or 1), average more captures.",
     ),
     Status.INCONSISTENT: (
-        "The samples disagree by more than their uncertainty; the interval was widened.",
+        "The samples disagree by more than their uncertainty: the interval was widened, or a "
+        "sample whose captures no material gives was left out.",
         "Measure the thickness where the light passes and check that all samples are of one "
         "material; then look for an effect that the bench description lacks.",
     ),

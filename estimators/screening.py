@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.beer import beer_check
+from estimators.beer_law import beer_check
 from estimators.protocol import BenchModel, fingerprint
 from estimators.result import EstimateResult, Status
 from twin.measurement.relative import RelativeIntensities
@@ -110,6 +110,36 @@ def counted(status: NDArray[np.int8]) -> tuple[str, ...]:
         for code, times in zip(codes.tolist(), number.tolist(), strict=True)
         if code != Status.OK
     )
+
+
+def impossible(sample_status: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Where a sample's captures are those of no material, shape (S, W) to (W,).
+
+    The other samples may well tell the material, but not without a doubt.
+    """
+    none = (sample_status == Status.CONTRADICTORY) | (sample_status == Status.OUTSIDE_MAP)
+    return np.asarray(none.any(axis=0))
+
+
+def left_out(
+    names: Sequence[str], sample_status: NDArray[np.int8], status: NDArray[np.int8]
+) -> tuple[str, ...]:
+    """One sentence for every sample that others stand in for, and why it does not count.
+
+    Args:
+        names: of S samples.
+        sample_status: of every sample, shape (S, W).
+        status: of all together, shape (W,).
+    """
+    sentences = []
+    for name, own in zip(names, sample_status, strict=True):
+        for code in np.unique(own[(own >= Status.OUTSIDE_MAP) & (status < Status.OUTSIDE_MAP)]):
+            times = int(((own == code) & (status < Status.OUTSIDE_MAP)).sum())
+            sentences.append(
+                f"{name!r} left out at {times} of {status.size} wavelengths:"
+                f" {Status(int(code)).cause}"
+            )
+    return tuple(sentences)
 
 
 def assembled(

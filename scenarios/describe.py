@@ -20,7 +20,15 @@ if TYPE_CHECKING:
     from twin.measurement import Measurement
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
-KINDS = ("scenarios", "materials", "reflectances", "lamps", "refractive_indices", "estimators")
+KINDS = (
+    "scenarios",
+    "estimators",
+    "stress_plans",
+    "materials",
+    "reflectances",
+    "lamps",
+    "refractive_indices",
+)
 """What `benchtwin list` lists."""
 MAP_ERRORS = ("black_se", "white_se", "collimated_se")
 
@@ -197,15 +205,18 @@ def catalogue(kind: str | None = None) -> dict[str, Any]:
             f"the kind {kind!r}", f"one of {', '.join(KINDS)}", remedy=near_misses(kind, KINDS)
         )
     from estimators import names as estimator_names
+    from scenarios.estimator_notes import note
+    from scenarios.stress.plan import builtin_plans, load_plan
     from twin.materials import names
 
     listing: dict[str, Callable[[], Any]] = {
         "scenarios": lambda: {name: load_scenario(name).title for name in builtin_names()},
+        "estimators": lambda: {name: note(name) for name in estimator_names()},
+        "stress_plans": lambda: {name: load_plan(name).title for name in builtin_plans()},
         "materials": lambda: {name: _source(name) for name in names("material")},
         "reflectances": lambda: list(names("reflectance")),
         "lamps": lambda: list(names("lamp")),
         "refractive_indices": lambda: list(names("refractive_index")),
-        "estimators": lambda: list(estimator_names()),
     }
     return {name: make() for name, make in listing.items() if kind in (None, name)}
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from scenarios.light_between import NAMES as SAMPLE_LIGHT
+from scenarios.light_between import LightBetween
 from twin.errors import InputError
 from twin.spectra import FloatArray
 
@@ -59,9 +61,9 @@ def simulate_visit(
     """Simulate one visit: noisy counts of every shot of the scenario's protocol.
 
     Light transport runs at the wavelengths of `scenario.wavelength`. Its relative intensities,
-    and nothing else, are interpolated (monotone cubic, Fritsch and Butland 1984) to the finer
-    wavelengths at which the instrument's bands want the light; lamps and backgrounds are
-    evaluated there. The signals, in the light of a perfect diffuser in the background plane:
+    and nothing else, are interpolated (`scenarios.light_between`) to the finer wavelengths at
+    which the instrument's bands want the light; lamps and backgrounds are evaluated there. The
+    signals, in the light of a perfect diffuser in the background plane:
 
         white reference: lamp F rho_w      black reference: lamp F rho_b      beam reference: beam
         black, white:    lamp F I          collimated:      beam I_c
@@ -82,34 +84,53 @@ def simulate_visit(
     Raises:
         InputError: a spectrum or the wavelength grid does not serve the instrument.
     """
+    scenario = scenario.settled(seed=seed, paths=paths)
+    check_cover(scenario)
+    noiseless = _transport(scenario, threads, progress)
+    return next(noisy_visits(scenario, noiseless, [scenario.simulation.seed]))
+
+
+def noisy_visits(
+    scenario: Scenario, noiseless: Sequence[NoiselessCaptures], seeds: Iterable[int]
+) -> Iterator[Measurement]:
+    """Visits in the same light that differ in lamps and noise: `simulate_visit` from the light on.
+
+    Args:
+        scenario: what is measured; its own seed is not used.
+        noiseless: captures of every sample by the light transport.
+        seeds: of lamps and noise, one for each visit.
+
+    Yields:
+        One measurement for each seed.
+    """
     from twin.instrument import fine_grid_nm
     from twin.measurement import Captures, Measurement, Provenance
 
-    scenario = scenario.settled(seed=seed, paths=paths)
     instrument = scenario.bench.instrument
     fine = fine_grid_nm(instrument)
-    check_cover(scenario)
-    noiseless = _transport(scenario, threads, progress)
     rates = [_signals(scenario, number, fine, noiseless) for number in range(len(noiseless))]
     settings = [_settings(scenario, rates[0], own) for own in rates]
-    shots, counts, saturated = _shots(scenario, list(_plan(scenario.protocol, settings)), rates)
+    plan = list(_plan(scenario.protocol, settings))
     pixels = np.asarray(instrument.wavelength_nm, dtype=np.float64)
-    return Measurement(
-        bench=scenario.bench,
-        samples=scenario.samples,
-        captures=Captures(
-            tuple(shots), pixels, counts, saturated, light_se=_light_se(noiseless, pixels)
-        ),
-        provenance=Provenance(
-            origin="simulated",
-            seed=scenario.simulation.seed,
-            serial_numbers=(str(instrument.serial),),
-            software=software(),
-            scenario=scenario.text,
-            notes=_notes(scenario, settings),
-        ),
-        truth=_truth(scenario, fine),
-    )
+    light_se, truth = _light_se(scenario, noiseless, fine, pixels), _truth(scenario, fine)
+    for seed in seeds:
+        simulation = scenario.simulation.model_copy(update={"seed": seed})
+        seeded = scenario.model_copy(update={"simulation": simulation})
+        shots, counts, saturated = _shots(seeded, plan, rates)
+        yield Measurement(
+            bench=scenario.bench,
+            samples=scenario.samples,
+            captures=Captures(tuple(shots), pixels, counts, saturated, light_se=light_se),
+            provenance=Provenance(
+                origin="simulated",
+                seed=seed,
+                serial_numbers=(str(instrument.serial),),
+                software=software(),
+                scenario=seeded.text,
+                notes=_notes(scenario, settings),
+            ),
+            truth=truth,
+        )
 
 
 def software() -> str:
@@ -174,11 +195,9 @@ def _sample_seed(seed: int, number: int) -> int:
 
 
 def _signals(
-    scenario: Scenario, number: int, fine: FloatArray, noiseless: list[NoiselessCaptures]
+    scenario: Scenario, number: int, fine: FloatArray, noiseless: Sequence[NoiselessCaptures]
 ) -> dict[str, FloatArray]:
     """Signal [electrons/s] of every capture of one sample, shape (P,) each."""
-    from scipy.interpolate import PchipInterpolator
-
     from twin.instrument import electron_rates
     from twin.materials import lamp, reflectance
 
@@ -188,11 +207,8 @@ def _signals(
         "black_reference": reflectance(bench.background.black.reflectance, fine),
         "white_reference": reflectance(bench.background.white.reflectance, fine),
     }
-    # A Monte Carlo value may fall a hair below 0 where no light is; light cannot.
-    seen = {
-        name: np.maximum(PchipInterpolator(mine.wavelength_nm, getattr(mine, name))(fine), 0.0)
-        for name in ("black", "white", "collimated")
-    }
+    between = LightBetween(bench, scenario.samples[number], mine)
+    seen = dict(zip(SAMPLE_LIGHT, between.intensities(fine), strict=True))
     # The instrument's rate is that of the first sample's white; other planes get more or less.
     height = mine.white_reference_factor / noiseless[0].white_reference_factor
     lit = panels * height
@@ -338,21 +354,25 @@ def _shots(
     return shots, np.array(counts), np.array(saturated)
 
 
-def _light_se(noiseless: list[NoiselessCaptures], pixels: FloatArray) -> FloatArray:
-    """Standard errors of the light transport at the pixels [nm], shape (S, 3, P).
+def _light_se(
+    scenario: Scenario,
+    noiseless: Sequence[NoiselessCaptures],
+    fine: FloatArray,
+    pixels: FloatArray,
+) -> FloatArray:
+    """Standard errors of the light between the transport's wavelengths, shape (S, 3, P).
 
-    Linear between its wavelengths: between two of them the intensities average two independent
-    errors, in a band even more, so that this is an upper bound.
+    Nothing is interpolated, and no error of it added, where the instrument sees the transport's
+    own wavelengths alone.
     """
-    return np.array(
-        [
-            [
-                np.interp(pixels, each.wavelength_nm, getattr(each, f"{name}_se"))
-                for name in ("black", "white", "collimated")
-            ]
-            for each in noiseless
-        ]
-    )
+    rows = []
+    for sample, each in zip(scenario.samples, noiseless, strict=True):
+        if np.isin(fine, each.wavelength_nm).all():
+            own = [getattr(each, f"{name}_se") for name in SAMPLE_LIGHT]
+            rows.append(np.array([np.interp(pixels, each.wavelength_nm, error) for error in own]))
+        else:
+            rows.append(LightBetween(scenario.bench, sample, each).standard_error(pixels))
+    return np.array(rows)
 
 
 def _truth(scenario: Scenario, fine: FloatArray) -> Truth:

@@ -86,8 +86,10 @@ def parameters_of(
 
 
 def _truth(measurement: Measurement, wavelength_nm: FloatArray) -> FloatArray | None:
-    """True albedo, sigma_t, g of the first sample at wavelengths [nm], shape (3, W), or None."""
-    truth = measurement.truth
+    """True albedo, sigma_t, g of the first sample, (3, W), as the instrument sees them; or None."""
+    from twin.measurement import seen_truth
+
+    truth = seen_truth(measurement)
     if truth is None:
         return None
     rows = (truth.albedo[0], truth.sigma_t_per_mm[0], truth.g[0])

@@ -8,7 +8,7 @@ from typing import Any
 
 def sentences(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
     """Lines of text: keys aligned, what is nested indented under its key."""
-    keys = [key.replace("_", " ") for key in answer]
+    keys = [key if "." in key else key.replace("_", " ") for key in answer]  # "." : a file
     width = max((len(key) for key in keys), default=0)
     for key, value in zip(keys, answer.values(), strict=True):
         if isinstance(value, Mapping):

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from estimators.budget import UncertaintyBudget
+    from twin.spectra import FloatArray
 
 TITLES = {"albedo": "Albedo", "sigma_t_per_mm": "Extinction σt [1/mm]", "g": "Anisotropy g"}
 COLOURS = (BLUE, VERMILION, GREEN, INK, ORANGE, PURPLE, SKY, GREY)
@@ -54,6 +55,9 @@ def draw_budget(budget: UncertaintyBudget) -> str:
             _uncertainty(top, budget, column)
             _shares(bottom, budget, column, shown)
             wavelength_axis(bottom, budget.wavelength_nm)
+            if budget.wavelength_nm.size < FEWEST:
+                room = 0.5 * _spacing(budget.wavelength_nm)
+                bottom.set_xlim(budget.wavelength_nm[0] - room, budget.wavelength_nm[-1] + room)
         axes[0, 0].set_ylabel("Standard uncertainty")
         axes[1, 0].set_ylabel("Share of variance [%]")
         if budget.monte_carlo is not None:
@@ -67,6 +71,11 @@ def draw_budget(budget: UncertaintyBudget) -> str:
         )
 
 
+def _spacing(wavelength_nm: FloatArray) -> float:
+    """Least distance [nm] between two wavelengths, which bars must fit in."""
+    return float(np.diff(wavelength_nm).min()) if wavelength_nm.size > 1 else 10.0
+
+
 def _uncertainty(axes: Axes, budget: UncertaintyBudget, column: int) -> None:
     wavelength = budget.wavelength_nm
     marker = "o" if wavelength.size < FEWEST else ""
@@ -77,7 +86,9 @@ def _uncertainty(axes: Axes, budget: UncertaintyBudget, column: int) -> None:
             wavelength, budget.monte_carlo[column], color=VERMILION, ls=(0, (4, 2)), lw=1.1,
             marker=marker, ms=3, label=f"{budget.draws} draws",
         )  # fmt: skip
-    axes.set_ylim(bottom=0.0)
+    drawn = [total] if budget.monte_carlo is None else [total, budget.monte_carlo[column]]
+    highest = max((float(np.nanmax(v)) for v in drawn if np.isfinite(v).any()), default=1.0)
+    axes.set_ylim(0.0, 1.12 * highest)
 
 
 def _shares(axes: Axes, budget: UncertaintyBudget, column: int, shown: NDArray[np.intp]) -> None:
@@ -93,7 +104,7 @@ def _shares(axes: Axes, budget: UncertaintyBudget, column: int, shown: NDArray[n
     for name, colour, part in layers:
         style: dict[str, Any] = {"color": colour, "label": name, "alpha": 0.85, "linewidth": 0.0}
         if wavelength.size < FEWEST:
-            width = 0.8 * (float(np.diff(wavelength).min()) if wavelength.size > 1 else 10.0)
+            width = 0.8 * _spacing(wavelength)
             axes.bar(wavelength, part, width, bottom, **style)
         else:
             axes.fill_between(wavelength, bottom, bottom + part, where=known, **style)

@@ -7,7 +7,7 @@ import platform
 from collections.abc import Mapping, Sequence
 from importlib import metadata, resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,8 +20,12 @@ from scenarios.report.map_plot import backgrounds_of, draw_maps
 from scenarios.report.plots import draw_counts, draw_lights, draw_relative
 from scenarios.report.reading import content_of
 from scenarios.report.result_plots import draw_beer, draw_properties, draw_residuals
+from scenarios.report.solver import NOTHING_SAID, solver_parts
 from scenarios.report.through_map import Map, map_for
 from twin.files import write_atomically
+
+if TYPE_CHECKING:
+    from estimators import UncertaintyBudget
 
 LIBRARIES = (
     "numpy", "scipy", "warp-lang", "jax", "colour-science", "matplotlib", "pydantic", "xarray",
@@ -35,6 +39,7 @@ def write_report(
     path: str | Path,
     *,
     maps: Sequence[Map] | Mapping[Any, Map] | None = None,
+    budget: UncertaintyBudget | None = None,
     settings: Mapping[str, Any] | None = None,
 ) -> Path:
     """Write the report of a result as one HTML file that needs nothing else.
@@ -44,6 +49,7 @@ def write_report(
         result: what the estimator found (estimators.EstimateResult).
         path: the file to write; replaced as a whole or not at all.
         maps: appearance maps, one per thickness; a sequence, or a mapping with maps as values.
+        budget: uncertainty budget of the result, when there is one.
         settings: what was set, nested as it likes; "title", "command" and "versions" have their
             own places on the page.
 
@@ -55,13 +61,19 @@ def write_report(
     """
     target = prepare_file(Path(path))
     found = tuple(maps.values()) if isinstance(maps, Mapping) else tuple(maps or ())
-    html = render(content_of(measurement, result, found), maps=found, settings=settings)
+    content = content_of(measurement, result, found)
+    solver = solver_parts(result, content, budget)
+    html = render(content, maps=found, solver=solver, settings=settings)
     write_atomically(target, html.encode("utf-8"))
     return target
 
 
 def render(
-    content: Content, *, maps: Sequence[Map] = (), settings: Mapping[str, Any] | None = None
+    content: Content,
+    *,
+    maps: Sequence[Map] = (),
+    solver: Mapping[str, Any] | None = None,
+    settings: Mapping[str, Any] | None = None,
 ) -> str:
     """The page as text: the same content gives the same text."""
     import jinja2
@@ -95,6 +107,7 @@ def render(
         version=_version("benchtwin"),
         headline=headline(content),
         notes=content.notes,
+        solver=solver or NOTHING_SAID,
         has_truth=content.truth is not None,
         has_g=content.has_g,
         colours=colours,
@@ -132,8 +145,13 @@ def _captions(content: Content, maps: Sequence[Map]) -> dict[str, Any]:
         if content.truth is not None
         else "Curves of different thicknesses should lie together."
     )
+    options = content.options
+    joint = options.get("joint") == "true" or float(options.get("smoothness_nm", 0.0)) > 0.0
+    how = (
+        "for all wavelengths together, as smooth spectra" if joint else "for each wavelength alone"
+    )
     return {
-        "properties_text": f"Estimated for each wavelength on its own. Method: {content.method}.",
+        "properties_text": f"Estimated {how}. Method: {content.method}.",
         "properties_caption": f"{bands}{against} Dashed: each thickness alone. The albedo axis is"
         " −log10(1 − albedo), so that each further nine takes the same height. Grey: masked;"
         " vermilion: outside the map. Thin: the captures do not determine the parameter there"
@@ -166,8 +184,7 @@ def _colour_note(content: Content, colours: Colours) -> str:
         parts.append("Few broad channels, joined linearly: the colours are rough.")
         if content.truth is not None:
             parts.append(
-                "The truth is taken at the channels' centres, the measured values are averages over"
-                " broad bands."
+                "The truth is averaged over the channels' bands, which are broad."
             )
     shown = [
         swatch

@@ -53,7 +53,7 @@ def corner_figure(
 
     with figure_style():
         # without a layout of its own: corner sets the places of its axes itself
-        figure = Figure(figsize=(6.4, 6.4))
+        figure = Figure(figsize=(5.2, 5.2))
         FigureCanvasSVG(figure)
         corner.corner(
             draws,
@@ -64,10 +64,13 @@ def corner_figure(
             truths=None if truth is None else list(truth),
             truth_color=VERMILION,
             color=BLUE,
-            bins=24,
-            smooth=0.8,
+            bins=20,
+            smooth=1.0,
+            fill_contours=True,
             plot_density=False,
-            max_n_ticks=4,
+            # corner makes pictures of its points and shades, which the report's page refuses
+            plot_datapoints=False,
+            max_n_ticks=3,
             use_math_text=False,
             labelpad=0.08,
         )
@@ -76,9 +79,9 @@ def corner_figure(
         where = f"{result.wavelength_nm[wavelength_index]:g} nm"
         figure.text(0.97, 0.93, where, ha="right", va="top", color=INK, weight="bold")
         lines = "dashed: 5 %, 50 %, 95 %"
-        figure.text(0.97, 0.905, lines, ha="right", va="top", color=INK, size=8.5)
+        figure.text(0.97, 0.89, lines, ha="right", va="top", color=INK, size=8.5)
         if truth is not None:
-            figure.text(0.97, 0.88, "red: truth", ha="right", va="top", color=VERMILION, size=8.5)
+            figure.text(0.97, 0.855, "red: truth", ha="right", va="top", color=VERMILION, size=8.5)
     return figure
 
 

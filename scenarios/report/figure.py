@@ -99,10 +99,13 @@ def svg_of(figure: Figure, name: str, description: str) -> str:
     Returns:
         The element, without prolog, metadata or namespace addresses, sized by its viewBox.
     """
+    import numpy as np
     from markupsafe import escape
 
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    # Ids are made from printed numbers, and importing colour-science changes how numpy prints.
+    with np.printoptions(legacy=False):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)

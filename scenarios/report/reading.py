@@ -91,7 +91,17 @@ def content_of(measurement: Measurement, result: EstimateResult, maps: Sequence[
 
 
 _SHOWN = (Verdict.GOOD, Verdict.DOUBTFUL)
-_METHODS = {"lut": "look-up in the appearance map (lut)"}
+_METHODS = {
+    "lut": "look-up in the appearance map (lut)",
+    "lut-seed": "look-up in the appearance map as in Iser et al. 2022 (lut-seed)",
+    "least-squares": "least squares with the adding-doubling engine (least-squares)",
+    "posterior": "draws from the posterior with the adding-doubling engine (posterior)",
+    "beer": "Beer's law on the collimated capture (beer)",
+    "kubelka-munk": "the closed form of Kubelka and Munk from two backgrounds (kubelka-munk)",
+    "nelder-mead": "simplex search on the sum of squares (nelder-mead)",
+    "powell": "direction-set search on the sum of squares (powell)",
+    "adam": "gradient descent on the sum of squares (adam)",
+}
 _ORIGINS = {
     "simulated": "simulated on the digital twin",
     "measured": "measured with an instrument",
@@ -188,8 +198,10 @@ def _saturation(measurement: Measurement) -> float | None:
 
 
 def _truth(measurement: Measurement, wavelength: FloatArray, notes: list[str]) -> Properties | None:
-    """The true properties at the measured wavelengths; NaN outside what is known."""
-    truth = measurement.truth
+    """The true properties as the instrument sees them; NaN outside what is known."""
+    from twin.measurement import seen_truth
+
+    truth = seen_truth(measurement)
     if truth is None:
         return None
     rows = (truth.albedo, truth.sigma_t_per_mm, truth.g)

@@ -145,7 +145,7 @@ def problems(
         wavelengths: W; None draws 1 to 4.
         bench: for example `benches()`.
         thickness_mm: thicknesses [mm] of the samples.
-        material: for example `materials(optical_depth=(10.0, 20.0))`.
+        material: for example `materials(optical_depth=(10.0, 20.0))`, shape (W, 3).
     """
     values = draw(materials(wavelengths) if material is None else material)
     return Problem.of(

@@ -20,6 +20,9 @@ MODULE_OF = {"colour-science": "colour", "tomli-w": "tomli_w", "warp-lang": "war
 # xarray writes netCDF through h5netcdf, and that through h5py: no module of ours names them.
 BACKENDS = {"h5netcdf", "h5py"}
 
+# Parts of the product that need an extra, and its name: whoever imports them installs it.
+PARTS_OF_EXTRAS = {("scenarios", "strategies"): "test"}
+
 
 def names(requirements: list[str]) -> set[str]:
     """Distribution names of some requirements."""
@@ -44,23 +47,58 @@ def product_files(suffix: str | None = None) -> list:
     return [path for path in files if suffix is None or path.suffix == suffix]
 
 
-@pytest.fixture(scope="module")
-def third_party() -> set[str]:
-    """Libraries that the five packages import."""
+def modules_of(requirements: list[str]) -> set[str]:
+    """Names by which some requirements are imported."""
+    return {MODULE_OF.get(name, name).replace("-", "_") for name in names(requirements)}
+
+
+def part_of(parts: tuple[str, ...]) -> str | None:
+    """The extra that a file of the product may rely on, by the parts of its path."""
+    found = [name for folder, name in PARTS_OF_EXTRAS.items() if parts[: len(folder)] == folder]
+    return found[0] if found else None
+
+
+def imported_by(extra: str | None) -> set[str]:
+    """Libraries that the five packages import where they may rely on an extra, or on none."""
     found = {
-        name for path in product_files(".py") for name in imported(path.read_text(encoding="utf-8"))
+        name
+        for path in product_files(".py")
+        if part_of(path.relative_to(ROOT).parts) == extra
+        for name in imported(path.read_text(encoding="utf-8"))
     }
     return found - set(sys.stdlib_module_names) - set(PACKAGES)
 
 
-def test_the_core_install_holds_every_library_that_is_imported(third_party: set[str]):
-    core = {MODULE_OF.get(name, name) for name in names(PROJECT["dependencies"])}
-    assert third_party - core == set()
+def test_the_core_install_holds_every_library_that_is_imported():
+    assert imported_by(None) - modules_of(PROJECT["dependencies"]) == set()
 
 
-def test_the_core_install_holds_nothing_else(third_party: set[str]):
-    core = {MODULE_OF.get(name, name) for name in names(PROJECT["dependencies"])}
-    assert core - third_party - BACKENDS == set()
+@pytest.mark.parametrize("extra", sorted(set(PARTS_OF_EXTRAS.values())))
+def test_an_extra_holds_what_its_part_of_the_product_imports(extra: str):
+    core = modules_of(PROJECT["dependencies"])
+    assert imported_by(extra) - core - modules_of(EXTRAS[extra]) == set()
+    assert imported_by(extra) - core != set()
+
+
+def test_nothing_else_in_the_product_imports_a_part_of_an_extra():
+    found = [
+        str(path.relative_to(ROOT))
+        for path in product_files(".py")
+        if part_of(path.relative_to(ROOT).parts) is None
+        for folder in PARTS_OF_EXTRAS
+        if re.search(rf"^\s*(from|import) {'[.]'.join(folder)}\b", path.read_text(), re.MULTILINE)
+    ]
+    assert found == []
+
+
+def test_a_part_of_an_extra_is_that_folder_and_no_other():
+    assert part_of(("scenarios", "strategies", "draws.py")) == "test"
+    assert part_of(("scenarios", "pipeline.py")) is None
+    assert part_of(("estimators", "strategies", "draws.py")) is None
+
+
+def test_the_core_install_holds_nothing_else():
+    assert modules_of(PROJECT["dependencies"]) - imported_by(None) - BACKENDS == set()
 
 
 def test_the_search_for_imports_sees_inner_ones():

@@ -99,6 +99,7 @@ def test_layers_hold():
         ("hw_adapters", "estimators"),
         ("diagnosis", "scenarios"),
         ("twin", "mitsuba"),
+        ("scenarios", "hypothesis"),
     ],
 )
 def test_layers_can_fail(tmp_path: Path, importer: str, imported: str):

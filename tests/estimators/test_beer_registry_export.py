@@ -86,6 +86,20 @@ def test_beer_says_when_light_is_lost_or_too_much() -> None:
     assert np.isnan(result.albedo).all()
 
 
+def test_beer_masks_what_has_no_noise_and_says_which_sample_is_impossible() -> None:
+    model = bench_model(10, MAPS)
+    measured = through(model, 1.0, 0.002)
+    value, covariance = measured.value.copy(), measured.covariance.copy()
+    covariance[2], value[0, 2, 5], value[:, 2, 7] = np.nan, 1.3, -0.5
+    result = BeerEstimator(model).estimate(replace(measured, value=value, covariance=covariance))
+    expected = [Status.MASKED, Status.INCONSISTENT, Status.CONTRADICTORY]
+    assert result.status[[2, 5, 7]].tolist() == expected
+    assert np.isnan(result.sigma_t_per_mm[[2, 7]]).all()
+    assert np.isfinite(result.sigma_t_per_mm[5])
+    assert any("left out at 1 of 10 wavelengths" in message for message in result.messages)
+    assert any("wavelengths masked" in message for message in result.messages)
+
+
 def test_beer_notices_samples_of_different_material() -> None:
     model = bench_model(50, MAPS)
     measured = through(model, 1.0, 0.002)

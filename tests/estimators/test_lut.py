@@ -253,3 +253,42 @@ def test_other_wavelengths_are_refused() -> None:
 def test_impossible_settings_are_refused(changes: dict[str, object]) -> None:
     with pytest.raises(InputError, match="expected"):
         LutSettings(**changes)  # type: ignore[arg-type]
+
+
+def test_without_the_beams_light_an_opaque_sample_tells_the_reduced_albedo_alone() -> None:
+    model = model_of(20)
+    truth = one_material(20, 0.53, 80.0, -0.2)
+    result = LutEstimator(model).estimate(visit(model, truth, noise=0.005))
+    assert (result.status == Status.COLLIMATED_LOST).all()
+    assert not result.identifiable[:, 1].any()
+    low, high = result.interval(0.95)
+    assert ((low[:, 0] < 0.53) & (high[:, 0] > 0.53)).all()
+    assert (high[:, 0] - low[:, 0] > 0.3).all()
+    # More samples without light do not make up for it.
+    alone = bench_model(20, MAPS[:1], (0.4,))
+    single = LutEstimator(alone).estimate(visit(alone, truth, noise=0.005))
+    ratio = result.standard_error[:, 0] / single.standard_error[:, 0]
+    assert np.median(ratio) > 0.85
+
+
+def test_captures_whose_noise_is_not_a_number_are_masked() -> None:
+    model = model_of(10)
+    measured = visit(model, materials(10), noise=0.005)
+    covariance = measured.covariance.copy()
+    covariance[4] = np.nan
+    result = LutEstimator(model).estimate(replace(measured, covariance=covariance))
+    assert result.status[4] == Status.MASKED
+    assert np.isnan(result.parameters[4]).all()
+    assert not result.identifiable[4].any()
+    assert any(message.startswith("1 of 10 wavelengths masked") for message in result.messages)
+
+
+def test_a_sample_that_contradicts_itself_is_said_to_be_left_out() -> None:
+    model = model_of(10)
+    measured = visit(model, materials(10), noise=0.005)
+    value = measured.value.copy()
+    value[1, 2, 3] = 1.4
+    result = LutEstimator(model).estimate(replace(measured, value=value))
+    assert result.sample_status[:, 3].tolist() == [Status.OK, Status.CONTRADICTORY]
+    assert result.status[3] == Status.INCONSISTENT
+    assert any(message.startswith("'0.8 mm' left out at 1 of 10") for message in result.messages)

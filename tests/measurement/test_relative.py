@@ -412,6 +412,30 @@ def test_sigma_becomes_a_diagonal_covariance() -> None:
     np.testing.assert_array_equal(result.covariance[0], np.diag(sigma[:, 0] ** 2))
 
 
+def test_what_no_sample_has_is_masked_and_counted() -> None:
+    value = np.full((3, 3), 0.5)
+    value[0, 1], value[2, 2] = 45.0, -0.9
+    result = relative_intensities(_relative(value, np.full((3, 3), 0.01)))
+    masked = [(0, 1), (2, 2)]
+    assert [tuple(at) for at in np.argwhere(~result.valid[0])] == masked
+    assert np.isnan(result.value[0][~result.valid[0]]).all()
+    assert np.isnan(result.covariance[1, 0]).all()
+    assert any("1 of 3 pixels masked: black" in reason for reason in result.reasons)
+    assert any("1 of 3 pixels masked: collimated" in reason for reason in result.reasons)
+
+
+def test_noise_alone_masks_nothing() -> None:
+    value = np.full((3, 3), 0.5)
+    value[0, 1] = -0.9
+    assert relative_intensities(_relative(value, np.full((3, 3), 0.3))).valid.all()
+
+
+def test_a_sample_without_any_light_is_refused() -> None:
+    with pytest.raises(InputError, match="zero at every wavelength") as error:
+        relative_intensities(_relative(np.zeros((3, 3)), np.full((3, 3), 0.01)))
+    assert "sample" in error.value.place
+
+
 def test_sigma_from_repeats() -> None:
     noise = np.random.Generator(np.random.Philox(key=6)).standard_normal((150, 3))
     repeated = relative_intensities(

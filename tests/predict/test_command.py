@@ -12,7 +12,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from estimators import Status, write_netcdf
-from scenarios.cli import _guarded
+from scenarios.cli import guarded
 from scenarios.predict import read_pbrt
 from scenarios.predict.command import register
 from tests.predict.estimates import WAVELENGTH, constant, estimate
@@ -25,7 +25,7 @@ def _several() -> None:
     """With a callback typer keeps the name of a single command."""
 
 
-register(app, _guarded)
+register(app, guarded)
 
 
 def call(*arguments: object) -> Result:

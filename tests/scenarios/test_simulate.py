@@ -176,7 +176,9 @@ def test_the_light_transport_states_its_own_error(visit: Measurement):
     scenario = scenario_of()
     exact = [captures_of(scenario, number) for number in range(2)]
     expected = [[e.black_se[1:-1], e.white_se[1:-1], e.collimated_se[1:-1]] for e in exact]
-    np.testing.assert_allclose(visit.captures.light_se, expected, rtol=1e-12)
+    # The interpolation's error is added, which the transport's noise makes more than nothing.
+    assert np.all(visit.captures.light_se >= np.array(expected) * (1 - 1e-12))
+    assert np.all(visit.captures.light_se <= np.array(expected) * 1.5)
     found = relative_intensities(visit)
     assert np.all(found.sigma >= np.array(expected) * (1 - 1e-9))
 

@@ -81,6 +81,9 @@ class AppearanceMap:
             along_sigma = interpolated(np.log(self.sigma_t_per_mm), sigma_axis, values, 1)
             return interpolated(-np.log1p(-self.g), g_axis, along_sigma, 2)
 
+        # unscattered light falls by orders of magnitude between nodes: it is taken off first
+        clear = np.exp(np.minimum(self.sigma_t_per_mm * self.thickness_mm, 500.0))[:, None]
+        clear_finer = np.exp(np.minimum(np.exp(sigma_axis) * self.thickness_mm, 500.0))[:, None]
         return replace(
             self,
             sigma_t_per_mm=np.exp(sigma_axis),
@@ -88,7 +91,7 @@ class AppearanceMap:
             exponent=self.exponent[used],
             black_series=finer(self.black_series[..., used]),
             white_series=finer(self.white_series[..., used]),
-            collimated=finer(self.collimated),
+            collimated=finer(self.collimated * clear) / clear_finer,
             black_se=finer(self.black_se),
             white_se=finer(self.white_se),
             collimated_se=finer(self.collimated_se),

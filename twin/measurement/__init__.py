@@ -26,6 +26,8 @@ from twin.measurement.relative import (
     measured_black_reflectance,
     relative_intensities,
 )
+from twin.measurement.rxt import SphereVisit, read_rxt
+from twin.measurement.seen import seen_truth
 
 
 def read_measurement(path: str | Path) -> Measurement:
@@ -50,6 +52,7 @@ __all__ = [
     "RelativeRow",
     "RelativeSpectra",
     "Shot",
+    "SphereVisit",
     "Truth",
     "certified_white",
     "measured_black_reflectance",
@@ -57,6 +60,8 @@ __all__ = [
     "read_measurement",
     "read_netcdf",
     "read_oceanview",
+    "read_rxt",
     "relative_intensities",
+    "seen_truth",
     "write_measurement",
 ]

@@ -29,6 +29,10 @@ from twin.spectra import FloatArray, Spectral
 
 SMALLEST_REFERENCE = 5.0
 """Standard errors by which a reference must exceed its dark: below, a ratio has no variance."""
+POSSIBLE = (-0.2, 1.5)
+"""Relative intensities outside of which a unit or a reference has been mistaken."""
+BEYOND = 5.0
+"""Standard errors by which they must be outside."""
 REPEAT_WINDOW = 11
 """Neighbouring wavelengths whose scatter is pooled when repeats stand in for a sigma."""
 
@@ -92,7 +96,8 @@ def relative_intensities(
 
     Shot and read noise, rounding and lamp drift are propagated to first order; a reference or
     dark that several values share makes them covary. A pixel that is saturated or no number in
-    any repeat, or whose reference is not clearly above the dark, is masked, flagged and counted.
+    any repeat, whose reference is not clearly above the dark, or whose value no sample can have, is
+    masked, flagged and counted.
     The light of a simulated visit has a standard error of its own, which is added.
 
     Args:
@@ -125,6 +130,9 @@ def relative_intensities(
             own = light_se.reshape(len(pairs), -1).T
             covariance[:, index, index] += own**2
         repeats = min(len(visit.groups[signal].shots) for signal, _ in pairs)
+    wrong, sentences = _impossible(measurement, value, covariance)
+    value, valid, reasons = np.where(wrong, np.nan, value), valid & ~wrong, (*reasons, *sentences)
+    covariance[wrong.T[:, :, None] | wrong.T[:, None, :]] = np.nan
     shape = (len(measurement.samples), len(SAMPLE_CAPTURES), measurement.wavelength_nm.size)
     return RelativeIntensities(
         sample_names=tuple(sample.name for sample in measurement.samples),
@@ -384,6 +392,14 @@ def _ready_made(
 ) -> tuple[FloatArray, FloatArray, tuple[str, ...], int]:
     values, variances, reasons, repeats = [], [], [], []
     for sample in measurement.samples:
+        own = [i for i, row in enumerate(relative.rows) if row.sample == sample.name]
+        if own and not np.any(relative.value[own]):
+            raise InputError(
+                f"relative intensities of {sample.name!r} that are zero at every wavelength",
+                "light over the white background at least",
+                place=f"sample {sample.name!r}",
+                remedy="Divide the captures by the white reference, not by the dark.",
+            )
         for capture in SAMPLE_CAPTURES:
             chosen = [
                 i
@@ -420,6 +436,24 @@ def _ready_made(
     hidden = np.isnan(stacked.T)
     covariance[hidden[:, :, None] | hidden[:, None, :]] = np.nan
     return np.stack(values), covariance, tuple(reasons), min(repeats)
+
+
+def _impossible(
+    measurement: Measurement, value: FloatArray, covariance: FloatArray
+) -> tuple[BoolArray, tuple[str, ...]]:
+    """Values (M, W) that no sample has, whatever the noise, and a sentence for each spectrum."""
+    low, high = POSSIBLE
+    noise = BEYOND * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
+    with np.errstate(invalid="ignore"):
+        wrong = np.asarray((value < low - noise) | (value > high + noise))
+    captures = [label(kind, own.name) for own in measurement.samples for kind in SAMPLE_CAPTURES]
+    return wrong, tuple(
+        f"{bad.sum()} of {bad.size} pixels masked: {name} outside {low:g} to {high:g}"
+        f" ({row[bad].min():.3g} to {row[bad].max():.3g}), which no sample has;"
+        " check the unit (0.45, not 45 %) and the reference"
+        for name, row, bad in zip(captures, value, wrong, strict=True)
+        if bad.any()
+    )
 
 
 def _pooled_scatter(value: FloatArray, name: str) -> FloatArray:

@@ -122,6 +122,9 @@ def sphere_readings(
     """M_R and M_T that the set-up reads; see the module for sources.
 
     Unscattered light is never lost beside a port: it lies inside the beam.
+
+    Raises:
+        InputError: a sphere without dimensions.
     """
     scattered_r = light.reflectance - light.unscattered_reflectance - lost.reflectance
     scattered_t = light.transmittance - light.unscattered_transmittance - lost.transmittance
@@ -199,6 +202,9 @@ def exchange(
         through: its diffuse transmittance.
         put_in: power put into each sphere, after its first bounce.
         thirds: reflectance at the third ports.
+
+    Raises:
+        InputError: a sphere without dimensions.
     """
     first, second = setup.reflection, setup.transmission
     if first is None or second is None:

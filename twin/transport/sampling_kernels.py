@@ -207,3 +207,11 @@ def sample_kernel(routine: int, parameter: float, seed: wp.uint64, out: wp.array
         cosine = 1.0 - 2.0 * u
         turned = turn(axis, cosine, TWO_PI * v)
         out[i] = wp.vec3(cosine, wp.dot(turned, axis), v)
+
+
+@wp.func
+def on_background(disc: int, half_x: float, half_y: float, x: float, y: float) -> bool:
+    """Whether a point of the background plane lies on a background."""
+    if disc == 1:
+        return (x * x) / (half_x * half_x) + (y * y) / (half_y * half_y) <= 1.0
+    return wp.abs(x) <= half_x and wp.abs(y) <= half_y

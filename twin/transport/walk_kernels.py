@@ -25,8 +25,6 @@ from twin.transport.connect_kernels import (
     Tally,
     connect_background,
     connect_scatter,
-    connect_unbounded,
-    connect_unbounded_background,
     score,
     score_unscattered,
 )
@@ -49,6 +47,7 @@ from twin.transport.sampling_kernels import (
     fresnel,
     henyey_greenstein_log_derivative,
     kronecker,
+    on_background,
     sample_henyey_greenstein,
     stream_start,
     turn,
@@ -58,6 +57,7 @@ from twin.transport.sampling_kernels import (
     uniform_disc,
     vec8,
 )
+from twin.transport.unbounded_kernels import connect_unbounded, connect_unbounded_background
 
 wp.set_module_options({"enable_backward": False})
 
@@ -84,14 +84,6 @@ AIM_U = wp.constant(4)
 AIM_V = wp.constant(5)
 AIM_PICK = wp.constant(6)
 FACE_2 = wp.constant(7)
-
-
-@wp.func
-def on_background(disc: int, half_x: float, half_y: float, x: float, y: float) -> bool:
-    """Whether a point of the background plane lies on a background."""
-    if disc == 1:
-        return (x * x) / (half_x * half_x) + (y * y) / (half_y * half_y) <= 1.0
-    return wp.abs(x) <= half_x and wp.abs(y) <= half_y
 
 
 @wp.func

@@ -54,9 +54,9 @@ MEDIA = (
     (0.99, 3.0, 0.0),
     (0.99, 8.0, 0.9),
 )
-TARGET = {"ours": 0.0012, "mitsuba": 0.0027}
+TARGET = {"ours": 0.0010, "mitsuba": 0.0027}
 QUICK_TARGET = {"ours": 0.003, "mitsuba": 0.01}
-MAP_PATHS, QUICK_MAP_PATHS = 1 << 14, 1 << 11
+MAP_PATHS, QUICK_MAP_PATHS = 1 << 15, 1 << 11
 MAP_SIGMAS, MAP_GS = 60, 10
 RAYS, MOST_RAYS = 2**17, 2**24
 SCALAR_RAYS = 2**13

@@ -8,6 +8,7 @@ import typer
 
 from scenarios.cli import library, uncertainty, visits
 from scenarios.cli.guard import EXIT_OK, guarded
+from scenarios.instruments.command import register as register_instruments
 from scenarios.predict.command import register as register_predict
 
 __all__ = ["app", "guarded", "main"]
@@ -32,6 +33,8 @@ Examples:
   benchtwin predict benchtwin-default/result.nc --thickness 5     its colour at 5 mm
 
   benchtwin stress --estimators lut --quick  how right an estimator is, and how sure it may be
+
+  benchtwin devices                         what is connected, and what could be
 
   benchtwin inspect benchtwin-default/measurement.nc
 
@@ -71,6 +74,7 @@ def _options(
 visits.register(app)
 uncertainty.register(app)
 register_predict(app, guarded)
+register_instruments(app, guarded)
 library.register(app)
 
 

@@ -183,9 +183,7 @@ def _colour_note(content: Content, colours: Colours) -> str:
     if content.few:
         parts.append("Few broad channels, joined linearly: the colours are rough.")
         if content.truth is not None:
-            parts.append(
-                "The truth is averaged over the channels' bands, which are broad."
-            )
+            parts.append("The truth is averaged over the channels' bands, which are broad.")
     shown = [
         swatch
         for row in colours.rows

@@ -52,7 +52,7 @@ class Measured:
 
     def __repr__(self) -> str:
         shown = [
-            f"{name} {np.array2string(values, precision=4, separator=', ')}"
+            f"{name} {np.array2string(values, precision=4, separator=', ', legacy=False)}"
             for name, values in (
                 ("thickness [mm]", self.intensities.thickness_mm),
                 ("albedo", self.truth[:, 0]),
@@ -140,7 +140,7 @@ class Problem:
 
     def __repr__(self) -> str:
         lines = [
-            f"{name}={np.array2string(values, precision=4, separator=', ')}"
+            f"{name}={np.array2string(values, precision=4, separator=', ', legacy=False)}"
             for name, values in zip(("albedo", "sigma_t_per_mm", "g"), self.material.T, strict=True)
         ]
         thickness = [sample.thickness_mm for sample in self.samples]

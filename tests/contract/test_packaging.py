@@ -16,12 +16,22 @@ SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = SETTINGS["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 # Import names that differ from the distribution's name.
-MODULE_OF = {"colour-science": "colour", "tomli-w": "tomli_w", "warp-lang": "warp"}
+MODULE_OF = {
+    "colour-science": "colour",
+    "pyserial": "serial",
+    "pyusb": "usb",
+    "tomli-w": "tomli_w",
+    "warp-lang": "warp",
+}
 # xarray writes netCDF through h5netcdf, and that through h5py: no module of ours names them.
 BACKENDS = {"h5netcdf", "h5py"}
 
 # Parts of the product that need an extra, and its name: whoever imports them installs it.
-PARTS_OF_EXTRAS = {("scenarios", "strategies"): "test"}
+PARTS_OF_EXTRAS = {
+    ("scenarios", "strategies"): "test",
+    ("hw_adapters", "wire", "usb650.py"): "instruments",
+    ("hw_adapters", "wire", "protocol_benchtwin.py"): "instruments",
+}
 
 
 def names(requirements: list[str]) -> set[str]:

@@ -106,19 +106,24 @@ class Faults:
         """Repair one fault, or all of them."""
         self._armed = [each for each in self._armed if name and each.name != name]
 
-    def hook(self, operation: str) -> str:
-        """The fault that a device is to act out in this operation, or ""."""
-        return next(iter(self._fire(operation, DEVICE_FAULTS)), "")
+    def hook(self, operation: str, only: str = "") -> str:
+        """The fault that a device is to act out in this operation, or "".
+
+        Args:
+            operation: what the device is asked for.
+            only: the one fault that can show in it; others wait for an operation that fails.
+        """
+        return next(iter(self._fire(operation, DEVICE_FAULTS, only)), "")
 
     def active(self, operation: str = "bench.frame") -> frozenset[str]:
         """The faults of the bench that are active in this operation."""
         return frozenset(self._fire(operation, BENCH_FAULTS))
 
-    def _fire(self, operation: str, kinds: object) -> list[str]:
+    def _fire(self, operation: str, kinds: object, only: str = "") -> list[str]:
         found = []
         known = DEVICE_FAULTS if kinds is DEVICE_FAULTS else BENCH_FAULTS
         for armed in self._armed:
-            if armed.name not in known:
+            if armed.name not in known or (only and armed.name != only):
                 continue
             if armed.fired and armed.lasting:
                 fits = fnmatchcase(operation, armed.operation)

@@ -11,4 +11,15 @@ with the command that installs it (`pip install "benchtwin[instruments]"`).
 A stage, a holder or lamps that are a person need no library: `hw_adapters.manual`.
 """
 
+from __future__ import annotations
+
+from importlib import import_module
+from types import ModuleType
+
 __all__ = ["as7341", "ocean", "scpi", "serial_slider"]
+
+
+def __getattr__(name: str) -> ModuleType:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return import_module(f"{__name__}.{name}")

@@ -11,4 +11,15 @@ Importing this package imports none of them. A stand-in raises `UnknownCommand` 
 what its device does not know; it never answers with zeros.
 """
 
+from __future__ import annotations
+
+from importlib import import_module
+from types import ModuleType
+
 __all__ = ["as7341", "bench", "links", "scpi", "slider", "usb650"]
+
+
+def __getattr__(name: str) -> ModuleType:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return import_module(f"{__name__}.{name}")

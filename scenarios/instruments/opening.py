@@ -18,7 +18,7 @@ from twin.spectra import FloatArray
 if TYPE_CHECKING:
     from hw_adapters import BenchState, DeviceBench, Faults
     from scenarios.console import Console
-    from scenarios.instruments.twin_light import TwinLight
+    from scenarios.instruments.twin_fed import TwinLight
     from scenarios.scenario import Scenario
 
 Ask = Callable[[str], None]
@@ -99,7 +99,7 @@ def light_of(
     Raises:
         InputError: the scenario's wavelengths or spectra do not serve the sensor.
     """
-    from scenarios.instruments.twin_light import twin_light
+    from scenarios.instruments.twin_fed import twin_light
     from twin.instrument import Instrument, MultispectralChip
 
     own = scenario.bench.instrument

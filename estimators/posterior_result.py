@@ -220,7 +220,8 @@ def _words(
     said = []
     exact = [name for name in SHARES if name not in settings.stated()]
     if exact:
-        said.append(f"taken as exact, no uncertainty stated: {', '.join(exact)}")
+        named = ", ".join(SHARES[name] for name in exact)
+        said.append(f"taken as exact, as no uncertainty of them was stated: {named}")
     for code in np.unique(status):
         if code != Status.OK:
             number = int((status == code).sum())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from twin.errors import InputError
@@ -10,16 +11,18 @@ from twin.errors import InputError
 if TYPE_CHECKING:
     from estimators.protocol import BenchModel
 
-SHARES = (
-    "thickness_relative",
-    "n_sigma",
-    "rho_black_relative",
-    "rho_white_relative",
-    "acceptance_relative",
-    "panel_drift",
-    "beam_drift",
+SHARES = MappingProxyType(
+    {
+        "thickness_relative": "thicknesses",
+        "n_sigma": "refractive index",
+        "rho_black_relative": "black reflectance",
+        "rho_white_relative": "white reflectance",
+        "acceptance_relative": "acceptance",
+        "panel_drift": "level of the panels",
+        "beam_drift": "level of the beam",
+    }
 )
-"""Options that state the standard deviation of a nuisance."""
+"""Options that state the standard deviation of a nuisance, and what a person calls it."""
 
 
 @dataclass(frozen=True)

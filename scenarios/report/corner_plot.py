@@ -10,6 +10,7 @@ import numpy as np
 from estimators.result import EstimateResult
 from scenarios.report.figure import BLUE, INK, VERMILION, figure_style, svg_of
 from twin.errors import InputError
+from twin.spectra import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,6 +62,7 @@ def corner_figure(
             labels=list(LABELS),
             quantiles=[0.05, 0.5, 0.95],
             levels=LEVELS,
+            range=_ranges(draws, truth),
             truths=None if truth is None else list(truth),
             truth_color=VERMILION,
             color=BLUE,
@@ -83,6 +85,15 @@ def corner_figure(
         if truth is not None:
             figure.text(0.97, 0.855, "red: truth", ha="right", va="top", color=VERMILION, size=8.5)
     return figure
+
+
+def _ranges(draws: FloatArray, truth: Sequence[float] | None) -> list[tuple[float, float]]:
+    """Axes that hold all draws (D, 3) and the truth, with room around them."""
+    points = draws if truth is None else np.vstack([draws, [truth]])
+    points = points[np.isfinite(points).all(axis=1)]
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = 0.03 * (high - low) + 1e-12
+    return list(zip((low - room).tolist(), (high + room).tolist(), strict=True))
 
 
 def draw_corner(

@@ -10,11 +10,12 @@ from tests.measurement.visits import visit
 from twin.instrument import Spectrometer
 from twin.measurement import Measurement, Truth
 from twin.measurement.seen import seen_truth
+from twin.spectra import Spectral, SpectralTable
 
 FINE = np.arange(400.0, 701.0, 1.0)
 
 
-def measured(off: tuple[str, ...] = ()) -> Measurement:
+def measured(off: tuple[str, ...] = (), lamp: Spectral = 1.0) -> Measurement:
     plain = visit()
     pixels = tuple(float(each) for each in plain.wavelength_nm)
     instrument = Spectrometer(pixels_nm=pixels, bandwidth_nm=20.0, off=off)
@@ -24,7 +25,10 @@ def measured(off: tuple[str, ...] = ()) -> Measurement:
         FINE,
         *(np.tile(row, (count, 1)) for row in (0.5 + 0 * FINE, 1.0 + peak, 0.1 + 0.001 * FINE)),
     )
-    bench = plain.bench.model_copy(update={"instrument": instrument})
+    beam = plain.bench.beam.model_copy(update={"spectrum": lamp})
+    bench = plain.bench.model_copy(
+        update={"instrument": instrument, "beam": beam, "panel_spectrum": lamp}
+    )
     return replace(plain, bench=bench, truth=truth)
 
 
@@ -36,6 +40,18 @@ def test_a_peak_is_lower_and_a_line_the_same() -> None:
     np.testing.assert_allclose(found.sigma_t_per_mm[:, 1], 1.0 + np.sqrt(a / (a + b)), rtol=1e-4)
     np.testing.assert_allclose(found.albedo, 0.5, rtol=1e-12)
     np.testing.assert_allclose(found.g[:, 1], 0.1 + 0.001 * found.wavelength_nm[1], rtol=1e-6)
+
+
+def test_on_the_flank_of_a_lamp_a_band_is_seen_beside_its_centre() -> None:
+    """Light that grows as exp(k wavelength) moves a Gaussian band of variance b by k b."""
+    rise = 0.01
+    table = SpectralTable(wavelength_nm=tuple(FINE), value=tuple(np.exp(rise * (FINE - 700.0))))
+    found = seen_truth(measured(lamp=table))
+    assert found is not None
+    moved = rise * 20.0**2 / (8.0 * np.log(2.0))
+    centre = found.wavelength_nm[1]
+    np.testing.assert_allclose(found.g[:, 1], 0.1 + 0.001 * (centre + moved), rtol=1e-4)
+    assert moved > 0.7
 
 
 def test_without_bandwidth_it_is_the_centres() -> None:

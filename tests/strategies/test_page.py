@@ -33,7 +33,9 @@ def test_three_lines_check_an_estimator(tmp_path: Path) -> None:
 
 
 def test_the_example_with_strategies_runs(tmp_path: Path) -> None:
-    run(2, tmp_path)["test_beer_never_finds_more_than_there_is"]()
+    example = run(2, tmp_path)["test_beer_never_finds_more_than_there_is"]
+    assert example.is_hypothesis_test  # it draws materials: it is no plain function
+    example()
 
 
 def test_the_table_is_complete() -> None:

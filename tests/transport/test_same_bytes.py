@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import threading
+from typing import Any
 
 import numpy as np
+import pytest
 
 from tests.contract.repository import run_python
 from tests.transport.scenes import BARE, slab
 from twin.bench import Bench, Medium, Sample
-from twin.transport import Effort, Tallies, captures, panels_setup, run_many, trace
+from twin.transport import Effort, Tallies, captures, engine, panels_setup, run_many, trace
 
 EFFORT = Effort(blocks=16, log2_paths=6)
 STACK = slab(2.0, 0.5, 1.4)
@@ -30,6 +33,40 @@ def test_chunks_are_parts_of_the_whole() -> None:
     parts = [traced(blocks=5).value, traced(blocks=11, first_block=5).value]
     np.testing.assert_array_equal(whole, np.concatenate(parts))
     assert not np.array_equal(whole[:5], parts[1][:5])
+
+
+def test_a_long_trace_in_several_launches_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = traced().value
+    monkeypatch.setattr(engine, "PATHS_OF_A_LAUNCH", 5 << 6)
+    np.testing.assert_array_equal(whole, traced().value)
+
+
+def test_an_interrupt_ends_a_long_trace_between_its_launches(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(engine, "PATHS_OF_A_LAUNCH", 1 << 6)
+    launched: list[int] = []
+    real = engine._launch
+    halfway, go_on = threading.Event(), threading.Event()
+
+    def counted(*arguments: Any) -> Tallies:
+        launched.append(len(launched))
+        if len(launched) == 4:
+            halfway.set()
+            go_on.wait(30.0)
+        return real(*arguments)
+
+    def interrupt() -> None:
+        halfway.wait(30.0)
+        threading.Timer(0.2, go_on.set).start()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(engine, "_launch", counted)
+    with pytest.raises(KeyboardInterrupt):
+        run_many([interrupt, traced], threads=2)
+    assert len(launched) == 4  # of 16
+    assert len(run_many([traced], threads=2)) == 1  # the control: the next run is not stopped
+    assert len(launched) == 4 + 16
 
 
 def test_threads_change_nothing() -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -187,6 +188,9 @@ def mean_and_error(blocks: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 _MODULES: dict[str, Any] = {}
+_WORKER = threading.local()
+PATHS_OF_A_LAUNCH = 1 << 17
+"""A long trace is cut into launches of about so many paths, whole blocks each: same bytes."""
 
 
 def _warp() -> Any:
@@ -243,15 +247,50 @@ def trace(
         ValueError: derivatives are asked for with a second scattering layer; an albedo for
             splitting is outside 0 to 1, or no layer scatters.
     """
-    wp = _warp()
+    _warp()
     device = device or default_device()
-    connect, population = _MODULES["connect"], _MODULES["population"]
     if effort.derivatives and np.count_nonzero(stack.sigma_t) > int(stack.counted >= 0):
         raise ValueError("derivatives need a stack whose only scattering layer is the sample")
     if not 0.0 <= effort.split_albedo <= 1.0:
         raise ValueError(f"split_albedo is {effort.split_albedo}; expected 0 to 1")
     if effort.paired and (effort.balance or effort.derivatives or setup.down != "none"):
         raise ValueError("a paired trace tells panels or a cone above, without balance or slopes")
+    piece = effort.blocks
+    if device == "cpu":
+        piece = max(1, PATHS_OF_A_LAUNCH >> effort.log2_paths)
+    parts = []
+    for first in range(0, effort.blocks, piece):
+        stop: threading.Event | None = getattr(_WORKER, "stop", None)
+        if stop is not None and stop.is_set():
+            raise CancelledError("the run was interrupted")
+        own = replace(effort, blocks=min(piece, effort.blocks - first))
+        parts.append(_launch(stack, setup, own, seed, stream, device, first_block + first))
+    return parts[0] if len(parts) == 1 else _joined(parts)
+
+
+def _joined(parts: list[Tallies]) -> Tallies:
+    """The blocks of several launches, one after the other."""
+
+    def rows(name: str) -> FloatArray | None:
+        if getattr(parts[0], name) is None:
+            return None
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    return Tallies(np.concatenate([part.value for part in parts]), rows("d_sigma"), rows("d_g"))
+
+
+def _launch(
+    stack: FlatStack,
+    setup: Setup,
+    effort: Effort,
+    seed: int,
+    stream: int,
+    device: str,
+    first_block: int,
+) -> Tallies:
+    """One launch of the kernel: the blocks of `effort`, from `first_block` on."""
+    wp = _warp()
+    connect, population = _MODULES["connect"], _MODULES["population"]
     problem = connect.Problem()
     problem.start_from_below = int(setup.from_below)
     problem.start_sine = np.sin(setup.polar)
@@ -363,7 +402,12 @@ def run_many(
     """
     compile_kernels()
     total, done = len(jobs), 0
-    with ThreadPoolExecutor(max_workers=threads or default_threads()) as pool:
+    stop = threading.Event()
+
+    def know() -> None:
+        _WORKER.stop = stop
+
+    with ThreadPoolExecutor(threads or default_threads(), initializer=know) as pool:
         futures = [pool.submit(job) for job in jobs]
         try:
             results = []
@@ -373,6 +417,8 @@ def run_many(
                 if progress is not None:
                     progress(done, total)
         except BaseException:
+            # long traces look at this between their launches: an interrupt acts within a second
+            stop.set()
             for future in futures:
                 future.cancel()
             raise

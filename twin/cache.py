@@ -33,24 +33,40 @@ def content_key(described: Mapping[str, object]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
+def bytes_of_arrays(arrays: Mapping[str, FloatArray]) -> bytes:
+    """Arrays of any shape with a checksum before them; the same arrays give the same bytes."""
+    buffer = io.BytesIO()
+    ordered: dict[str, Any] = {name: np.asarray(arrays[name]) for name in sorted(arrays)}
+    np.savez(buffer, **ordered)
+    payload = buffer.getvalue()
+    return MAGIC + hashlib.sha256(payload).hexdigest().encode() + b"\n" + payload
+
+
+def arrays_of_bytes(data: bytes) -> dict[str, FloatArray] | None:
+    """Arrays of their own shapes from `bytes_of_arrays`; None when a byte is not as it was."""
+    head = len(MAGIC) + 65
+    payload = data[head:]
+    digest = hashlib.sha256(payload).hexdigest().encode()
+    if data[: len(MAGIC)] != MAGIC or data[len(MAGIC) : head] != digest + b"\n":
+        return None
+    with np.load(io.BytesIO(payload), allow_pickle=False) as stored:
+        return {name: stored[name] for name in stored.files}
+
+
 def store_arrays(path: Path, arrays: Mapping[str, FloatArray]) -> None:
     """Write arrays with a checksum, atomically; the same arrays give the same bytes.
 
     Raises:
         InputError: the folder cannot be written.
     """
-    buffer = io.BytesIO()
-    ordered: dict[str, Any] = {name: np.asarray(arrays[name]) for name in sorted(arrays)}
-    np.savez(buffer, **ordered)
-    payload = buffer.getvalue()
-    digest = hashlib.sha256(payload).hexdigest().encode()
+    data = bytes_of_arrays(arrays)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(
             error.strerror or str(error), "a cache folder that can be written", file=path.parent
         ) from error
-    write_atomically(path, MAGIC + digest + b"\n" + payload)
+    write_atomically(path, data)
 
 
 def load_arrays(path: Path, say: Callable[[str], None]) -> dict[str, FloatArray] | None:
@@ -59,11 +75,7 @@ def load_arrays(path: Path, say: Callable[[str], None]) -> dict[str, FloatArray]
         data = path.read_bytes()
     except OSError:
         return None
-    head = len(MAGIC) + 65
-    payload = data[head:]
-    digest = hashlib.sha256(payload).hexdigest().encode()
-    if data[: len(MAGIC)] != MAGIC or data[len(MAGIC) : head] != digest + b"\n":
+    found = arrays_of_bytes(data)
+    if found is None:
         say(f"{path.name} in the cache is damaged (its checksum differs); it is computed again")
-        return None
-    with np.load(io.BytesIO(payload), allow_pickle=False) as stored:
-        return {name: stored[name] for name in stored.files}
+    return found

@@ -1,0 +1,97 @@
+"""A sweep: every point once, each result kept as soon as it is there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from scenarios.console import Console
+from scenarios.outputs import canonical_json
+from scenarios.sweep.ledger import Failure, Ledger
+from scenarios.sweep.task import function_of
+from scenarios.sweep.workers import Workers
+from twin.cache import content_key
+from twin.errors import InputError
+from twin.spectra import FloatArray
+
+LEDGER = "ledger.sqlite"
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """A sweep that has been run.
+
+    Attributes:
+        ledger: where its results are; it is read when a result is asked for.
+        keys: of the points, in their order.
+        points: as canonical JSON.
+        failures: points without a result.
+        digest: SHA-256 over all results in their order.
+    """
+
+    ledger: Path
+    keys: tuple[str, ...]
+    points: tuple[str, ...]
+    failures: tuple[Failure, ...]
+    digest: str
+
+    def results(self) -> Iterator[dict[str, FloatArray] | None]:
+        """Arrays of every point in order, each of its own shape; None where a point failed."""
+        with Ledger(self.ledger) as ledger:
+            for key in self.keys:
+                yield ledger.result(key)
+
+
+def sweep(
+    task: str,
+    points: Sequence[Mapping[str, Any]],
+    folder: Path,
+    *,
+    version: str,
+    workers: Workers | None = None,
+    console: Console | None = None,
+    title: str = "sweep",
+) -> Sweep:
+    """Call a task at every point that has no result yet.
+
+    Args:
+        task: "module:function": a point in, arrays by name out; it must depend on the point alone.
+        points: what JSON can hold; a point that appears twice is done once.
+        folder: holds the ledger; run again with the same folder, a sweep goes on where it was.
+        version: changes whenever the task's results change; results of another are not used.
+        workers: who works; None: this process.
+        console: is told how far it is.
+        title: what the work is called.
+
+    Raises:
+        InputError: the task cannot be imported, the ledger cannot be written or is in use, or the
+            workers cannot be had. What is finished is kept.
+    """
+    function_of(task)
+    workers, console = workers or Workers(), console or Console(quiet=True)
+    texts = tuple(canonical_json(dict(point), indent=None) for point in points)
+    if not texts:
+        raise InputError("no point", "one point or more", place=title)
+    keys = tuple(content_key({"task": task, "version": version, "point": text}) for text in texts)
+    number_of = {key: number for number, key in reversed(list(enumerate(keys)))}
+    with Ledger(folder / LEDGER) as ledger:
+        done = ledger.done(keys)
+        missing = [(number_of[key], texts[number_of[key]]) for key in number_of if key not in done]
+        missing.sort()
+        if done and missing:
+            console.say(f"{title}: {len(done)} of {len(number_of)} points are there already")
+        if missing:
+            with console.step(title) as progress:
+                answers = workers.answers(task, missing, console.say)
+                for count, answer in enumerate(answers, 1):
+                    ledger.write(keys[answer.number], texts[answer.number], answer)
+                    progress(count, len(missing))
+        have = ledger.done(keys)
+        failures = tuple(
+            Failure(number, text, ledger.message(key))
+            for number, (key, text) in enumerate(zip(keys, texts, strict=True))
+            if key not in have
+        )
+        return Sweep(folder / LEDGER, keys, texts, failures, ledger.digest(keys))

@@ -9,16 +9,41 @@ Materials", ACM TOG 41(6)).
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
-from pydantic import Field, field_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from twin.instrument.spec import Instrument, Spectrometer
 from twin.spectra import Part, Spectral
 
 
-class Panel(Part):
-    """A Lambertian rectangle of uniform radiance that faces the origin."""
+class Growing(Part):
+    """A part with effects that are off by default: switched off, they are not written down.
+
+    What describes a bench without them, and every key made of that, stays the same.
+    """
+
+    _EFFECTS: ClassVar[tuple[str, ...]] = ()
+
+    @model_serializer(mode="wrap")
+    def _switched_on(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written: dict[str, Any] = handler(self)
+        for name in self._EFFECTS:
+            if getattr(self, name) == type(self).model_fields[name].default:
+                written.pop(name, None)
+        return written
+
+
+class Panel(Growing):
+    """A Lambertian rectangle that faces the origin, of uniform radiance but for `gradient`."""
+
+    _EFFECTS = ("level", "gradient")
 
     width_mm: float = Field(default=141.0, gt=0)
     """Extent [mm] in the plane of incidence (perpendicular to y)."""
@@ -30,6 +55,11 @@ class Panel(Part):
     """Angle [deg] between the direction to the centre and +z."""
     azimuth_deg: float = 0.0
     """Azimuth [deg] of the centre, from +x towards +y."""
+    level: float = Field(default=1.0, gt=0, le=100)
+    """Radiance at the centre, relative to the other panels."""
+    gradient: float = Field(default=0.0, ge=-1, le=1)
+    """Relative change of the radiance from the centre to the lower edge (that at the larger polar
+    angle), linear along the width; the upper edge changes by as much the other way."""
 
     @property
     def centre_mm(self) -> tuple[float, float, float]:
@@ -42,25 +72,45 @@ class Panel(Part):
         )
 
 
-class Beam(Part):
+class Beam(Growing):
     """A collimated beam from below, along +z, centred on the axis."""
+
+    _EFFECTS = ("tilt_deg",)
 
     diameter_mm: float = Field(default=1.0, gt=0)
     divergence_deg: float = Field(default=0.0, ge=0, lt=45)
     """Half-angle [deg] of the uniform cone of directions."""
+    tilt_deg: float = Field(default=0.0, gt=-45, lt=45)
+    """Angle [deg] from +z towards +x, about the middle of the stack's lower face."""
     spectrum: Spectral = "led_warm_white"
     """Lamp: relative spectral power per nm."""
 
+    @property
+    def straight(self) -> bool:
+        """Whether all its light goes along the axis."""
+        return self.divergence_deg == 0.0 and self.tilt_deg == 0.0
 
-class Medium(Part):
-    """A homogeneous participating medium with a Henyey-Greenstein phase function."""
+
+class Medium(Growing):
+    """A homogeneous participating medium with a Henyey-Greenstein phase function.
+
+    With a second lobe the phase function is (1 - f) HG(g1) + f HG(second_g), f = second_share,
+    where g1 = (g - f second_g) / (1 - f) keeps the mean cosine at g (two-term
+    Henyey-Greenstein: Kattawar 1975).
+    """
+
+    _EFFECTS = ("second_share", "second_g")
 
     albedo: Spectral
     """Single-scattering albedo, 0 to 1."""
     sigma_t_per_mm: Spectral
     """Extinction coefficient [1/mm], at least 0."""
     g: Spectral = 0.0
-    """Anisotropy factor, inside -1 to 1."""
+    """Anisotropy factor, inside -1 to 1: the mean cosine, second lobe included."""
+    second_share: float = Field(default=0.0, ge=0, lt=1)
+    """Share of the scattered light in the second lobe; 0 for one lobe."""
+    second_g: float = Field(default=-0.5, ge=-0.95, le=0.95)
+    """Anisotropy factor of the second lobe; negative for a backward one."""
 
 
 class Layer(Part):
@@ -72,14 +122,19 @@ class Layer(Part):
     medium: Medium | None = None
 
 
-class Background(Part):
-    """A Lambertian reflector; outside its outline nothing comes back."""
+class Background(Growing):
+    """A Lambertian reflector but for `gloss`; outside its outline nothing comes back."""
+
+    _EFFECTS = ("gloss",)
 
     reflectance: Spectral
     """Reflectance, 0 to 1."""
     shape: Literal["disc", "rectangle"] = "disc"
     size_mm: tuple[float, float] = (25.4, 25.4)
     """Extent [mm] along x and y; a disc has its diameter twice."""
+    gloss: float = Field(default=0.0, ge=0, le=1)
+    """Share of the reflectance that is mirror-like; the detector, which looks along the normal,
+    sees the rest alone when nothing lies in between."""
 
     @field_validator("size_mm")
     @classmethod
@@ -99,6 +154,11 @@ class Backgrounds(Part):
     )
     white: Background = Background(reflectance="spectralon")
 
+    @property
+    def glossy(self) -> bool:
+        """Whether one of the backgrounds reflects a share like a mirror."""
+        return self.black.gloss > 0.0 or self.white.gloss > 0.0
+
 
 class Detector(Part):
     """Collects what crosses a disc on z = 0, upward, within a cone around +z."""
@@ -111,11 +171,24 @@ class Detector(Part):
     """Half-angle [deg] of the cone."""
 
 
+class AcceptedEffect(Part):
+    """An effect of `twin.effects` that a diagnosis found and a person accepted."""
+
+    name: str = Field(min_length=1)
+    """Name of the candidate, such as "thickness[0.4 mm]"."""
+    values: tuple[float, ...]
+    """Fitted value of every parameter of the effect, in its units."""
+    uncertainty: tuple[float, ...] = ()
+    """Standard errors of the values; () when unknown."""
+
+
 COVER_GLASS = Layer(thickness_mm=0.15, n=1.52)
 
 
-class Bench(Part):
+class Bench(Growing):
     """Everything but the sample: lights, covers, backgrounds, detector, instrument."""
+
+    _EFFECTS = ("offset_mm", "effects")
 
     panels: tuple[Panel, ...] = (Panel(), Panel(azimuth_deg=180.0))
     panel_spectrum: Spectral = "led_cool_white"
@@ -127,11 +200,15 @@ class Bench(Part):
     """Layers under the sample, top to bottom."""
     size_mm: tuple[float, float] | None = (40.0, 40.0)
     """Lateral extent [mm] of the stack along x and y; "unbounded" (None) for a plane layer."""
+    offset_mm: tuple[float, float] = (0.0, 0.0)
+    """Where the stack's middle lies off the axis [mm], along x and y."""
     background: Backgrounds = Backgrounds()
     detector: Detector = Detector()
     instrument: Instrument = Spectrometer()
     reference_plane_mm: float | None = None
     """z [mm] of the white in the white reference; None: the background plane of each sample."""
+    effects: tuple[AcceptedEffect, ...] = ()
+    """Effects that are no field of the bench; `twin.effects.World.nominal` applies them."""
 
     @field_validator("panels")
     @classmethod
@@ -151,6 +228,21 @@ class Bench(Part):
         if value is not None and min(value) <= 0:
             raise ValueError(f"found {value}; expected two lengths above 0 mm")
         return value
+
+    @model_validator(mode="after")
+    def _on_the_axis(self) -> Bench:
+        if self.size_mm is None or self.offset_mm == (0.0, 0.0):
+            return self
+        spot = max(
+            self.detector.spot_panels_mm, self.detector.spot_beam_mm, self.beam.diameter_mm
+        )  # fmt: skip
+        room = [(size - spot) / 2 for size in self.size_mm]
+        if any(abs(shift) > most for shift, most in zip(self.offset_mm, room, strict=True)):
+            raise ValueError(
+                f"found a stack {self.offset_mm} mm off the axis; expected no more than"
+                f" ({room[0]:g}, {room[1]:g}) mm, so that it still covers the detector's spots"
+            )
+        return self
 
 
 class Sample(Part):

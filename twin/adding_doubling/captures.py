@@ -37,7 +37,7 @@ def captures(
         bench: the bench; covers must not scatter.
         sample: thickness and index.
         wavelength_nm: [nm], shape (W,).
-        properties: the sample's medium; None takes `sample.material`.
+        properties: the sample's medium, its second lobe included; None takes `sample.material`.
         streams: quadrature; default: more of them the larger |g| (this engine is asked once,
             `captures_model` thousands of times).
         moments: of a tabulated phase function, see `captures_model`.
@@ -45,8 +45,8 @@ def captures(
         derivatives: also d/d albedo, d/d sigma_t and d/d g.
 
     Raises:
-        InputError: the sample has no material, a spectrum does not cover a wavelength, or a
-            cover scatters.
+        InputError: the sample has no material, a spectrum does not cover a wavelength, a
+            cover scatters, or a second lobe leaves no room for the first.
     """
     wavelength = np.asarray(wavelength_nm, dtype=np.float64)
     if properties is None:
@@ -55,12 +55,20 @@ def captures(
                 "no material", "a library name or numbers", place=f"sample {sample.name}.material"
             )
         properties = optical_properties(sample.material, wavelength)
+    properties.require_lobes()
+    second = None
+    if properties.second_share > 0.0 and moments is None:
+        second = (properties.second_share, properties.second_g)
     if streams is None and moments is None:
         matched = bool(np.all(refractive_index(sample.n, wavelength) == 1.0))
-        streams = streams_for(float(np.max(np.abs(properties.g))), matched)
+        widest = float(np.max(np.abs(properties.first_g)))
+        if second is not None:
+            widest = max(widest, abs(second[1]))
+        streams = streams_for(widest, matched)
     model = captures_model(
-        bench, [sample], wavelength, streams=streams, moments=moments, contact=contact
-    )
+        bench, [sample], wavelength, streams=streams, moments=moments, contact=contact,
+        second=second,
+    )  # fmt: skip
     parameters = model.parameters(properties.albedo, properties.sigma_t_per_mm, properties.g)
     slopes = None
     if derivatives:

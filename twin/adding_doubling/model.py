@@ -18,6 +18,7 @@ from twin.adding_doubling.faces import Window, cosine_inside, inside, specular, 
 from twin.adding_doubling.layer import THINNEST, admittance, layer_modes, polynomials, respond
 from twin.adding_doubling.panels import panel_light, plane_factors
 from twin.adding_doubling.phase import (
+    TwoTerm,
     delta_m,
     from_moments,
     henyey_greenstein,
@@ -116,6 +117,7 @@ class Geometry(NamedTuple):
     planes: Any
     thickness_mm: Any
     cone_cosine: Any
+    second: TwoTerm = TwoTerm(0.0, 0.0)
 
 
 class Constants(NamedTuple):
@@ -133,11 +135,14 @@ class Form:
     tabulated: bool
     contact: bool
     mirrored: bool
+    two_term: bool = False
 
 
-def _phase_of(form: Form, g: Array, moments: Array, cosine: Array) -> Array:
+def _phase_of(form: Form, g: Array, moments: Array, second: TwoTerm, cosine: Array) -> Array:
     if form.tabulated:
         return from_moments(moments, cosine)
+    if form.two_term:
+        return second.phase(g, cosine)
     return henyey_greenstein(g, cosine)
 
 
@@ -161,6 +166,9 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry, form:
     top, bottom = _part(top_all, slice(0, count)), _part(bottom_all, slice(0, count))
     if form.tabulated:
         moments, tail = around.moments[: orders + 1], around.moments[orders:]
+    elif form.two_term:
+        moments = geometry.second.moments(g, orders + 1)
+        tail = geometry.second.high_moments(g, orders, TAIL_ORDERS - orders)
     else:
         moments = henyey_greenstein_moments(g, orders + 1)
         tail = high_moments(g, orders, TAIL_ORDERS - orders)
@@ -180,8 +188,8 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry, form:
     weighted = polynomial[:, air] * polynomial[:, first + normal][:, None]
     seen_back, seen_ahead = turned @ weighted, strength @ weighted
     sharpness = 1.0 / (1.0 - scaled.peak)
-    true_back = _phase_of(form, g, around.moments, -panel_mu) * sharpness
-    true_ahead = _phase_of(form, g, around.moments, panel_mu) * sharpness
+    true_back = _phase_of(form, g, around.moments, geometry.second, -panel_mu) * sharpness
+    true_ahead = _phase_of(form, g, around.moments, geometry.second, panel_mu) * sharpness
 
     # far orders of the cone's coefficients move with n to first order
     moved = jnp.sqrt(1.0 - (1.0 - geometry.cone_cosine**2) / n**2) - around.cone_cosine
@@ -387,6 +395,7 @@ def captures_model(
     streams: Streams | None = None,
     moments: FloatArray | None = None,
     contact: bool = False,
+    second: tuple[float, float] | None = None,
 ) -> CapturesModel:
     """A differentiable model of the bench for samples that differ in thickness alone.
 
@@ -398,9 +407,13 @@ def captures_model(
             up to 0.9. `make_streams(16, 16)` reaches that up to 0.95.
         moments: Legendre moments of a tabulated phase function, (M,) or (W, M), in place of g.
         contact: the backgrounds touch the sample optically (no covers below, no air).
+        second: share and g of a second Henyey-Greenstein lobe beside one that keeps the mean
+            cosine at the parameter g (see `twin.bench.Medium`); None for none, whatever the
+            samples' material: a model says what is assumed, not what is true.
 
     Raises:
-        InputError: samples of several indices, a scattering cover, or bad moments.
+        InputError: samples of several indices, a scattering cover, bad moments, or moments
+            together with a second lobe.
     """
     wavelength = np.atleast_1d(np.asarray(wavelength_nm, dtype=np.float64))
     given = tuple(samples)
@@ -423,8 +436,12 @@ def captures_model(
             place="streams",
         )  # fmt: skip
     mirrored = tuple(bench.covers_above) == tuple(reversed(bench.covers_below))
-    form = Form(streams, moments is not None, contact, mirrored)
+    if second is not None and moments is not None:
+        raise InputError("moments and a second lobe", "one of them", place="moments")
+    form = Form(streams, moments is not None, contact, mirrored, second is not None)
     geometry, light = _geometry(bench, given, streams)
+    if second is not None:
+        geometry = geometry._replace(second=TwoTerm(*second))
     around = _surroundings(bench, wavelength, n, geometry, streams.orders, moments)
     return CapturesModel(
         wavelength,
@@ -530,8 +547,15 @@ def not_represented(bench: Bench, highest_cosine: float) -> tuple[str, ...]:
     if bench.size_mm is not None:
         width, length = bench.size_mm
         said.insert(0, f"light lost at the sides of a sample of {width:g} x {length:g} mm")
+        if bench.offset_mm != (0.0, 0.0):
+            x, y = bench.offset_mm
+            said.insert(1, f"the sample's place, ({x:g}, {y:g}) mm off the axis")
     if bench.beam.divergence_deg > 0.0:
         said.append(f"the beam's divergence of {bench.beam.divergence_deg:g} degrees")
+    if bench.beam.tilt_deg != 0.0:
+        said.append(f"the beam's tilt of {bench.beam.tilt_deg:g} degrees")
+    if bench.background.glossy:
+        said.append("the gloss of a background")
     if highest_cosine > math.cos(math.radians(bench.detector.acceptance_deg)):
         said.append("the mirror image of a panel inside the detector's acceptance")
     return tuple(said)

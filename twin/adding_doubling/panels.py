@@ -10,7 +10,12 @@ import numpy as np
 from twin.adding_doubling.streams import condensed
 from twin.bench import Bench, Sample, stack_of
 from twin.spectra import FloatArray
-from twin.transport.geometry import panel_shape, reference_factor, reference_plane_mm
+from twin.transport.geometry import (
+    panel_shape,
+    reference_factor,
+    reference_plane_mm,
+    relative_radiance,
+)
 
 PANEL_NODES = 8
 NODES_PER_SIDE = 32
@@ -31,7 +36,7 @@ class PanelLight(NamedTuple):
 
 
 def panel_light(bench: Bench) -> PanelLight:
-    """Directions from which the panels, of uniform radiance, light the origin.
+    """Directions from which the panels light the origin.
 
     The detector looks along the normal, so only the mean over azimuth matters, and with it the
     distribution of the irradiance over the cosine: a Gauss rule of 8 nodes for it is exact for
@@ -50,6 +55,7 @@ def panel_light(bench: Bench) -> PanelLight:
         mu = np.maximum(points[..., 2], 0.0) / distance
         emission = np.maximum(0.0, -(points @ np.array(panel.normal))) / distance
         area = np.outer(weights, weights) * panel.half[0] * panel.half[1]
+        area = area * relative_radiance(panel, a / panel.half[0])
         cosine.append(mu.ravel())
         light.append((area * mu * emission / distance**2).ravel())
     every, flux = np.concatenate(cosine), np.concatenate(light)

@@ -44,6 +44,44 @@ def henyey_greenstein(g: Array, cosine: Array) -> Array:
     return (1.0 - g**2) / (1.0 + g**2 - 2.0 * g * cosine) ** 1.5
 
 
+class TwoTerm(NamedTuple):
+    """A second Henyey-Greenstein lobe beside the first: see `twin.bench.Medium`."""
+
+    share: Any
+    g: Any
+
+    def first(self, g: Array) -> Array:
+        """Anisotropy factor of the first lobe when the mean cosine is g."""
+        found: Array = (g - self.share * self.g) / (1.0 - self.share)
+        return found
+
+    def moments(self, g: Array, count: int) -> Array:
+        """Moments for l = 0 to count - 1, shape (count,)."""
+        return self.mixed(
+            henyey_greenstein_moments(self.first(g), count),
+            henyey_greenstein_moments(jnp.asarray(self.g), count),
+        )
+
+    def high_moments(self, g: Array, first: int, count: int) -> Array:
+        """Moments for l = first to first + count - 1, as `high_moments`."""
+        sign = 1.0 - 2.0 * (jnp.arange(first, first + count) % 2)
+        own = high_moments(jnp.asarray(self.g), first, count)
+        return self.mixed(
+            high_moments(self.first(g), first, count), jnp.where(self.g < 0.0, sign, 1.0) * own
+        )
+
+    def phase(self, g: Array, cosine: Array) -> Array:
+        """Phase function normalised to a mean of 1 over the sphere, shape of the cosine."""
+        return self.mixed(
+            henyey_greenstein(self.first(g), cosine), henyey_greenstein(self.g, cosine)
+        )
+
+    def mixed(self, first: Array, second: Array) -> Array:
+        """Both lobes by their shares."""
+        found: Array = (1.0 - self.share) * first + self.share * second
+        return found
+
+
 def from_moments(moments: Array, cosine: Array) -> Array:
     """Phase function from its Legendre moments, shape of the cosine.
 

@@ -59,7 +59,7 @@ def trace_cell(
     seed, stream = random
     log2_paths = max(4, round(np.log2(max(1, paths) * thinning(stack) / BLOCKS)))
     # the plane-parallel engine knows a parallel beam alone
-    straight = paired and bench.beam.divergence_deg == 0.0
+    straight = paired and bench.beam.straight
     panels = trace(
         stack,
         panels_setup(bench, stack.height),

@@ -184,7 +184,7 @@ def _slab(
         n = float(np.asarray(sample.n))
         where = (bench, sample.thickness_mm, n, albedo, sigma_t, g)
         plane = plane_parts(*where)
-        straight = bench.beam.divergence_deg == 0.0
+        straight = bench.beam.straight
         add_plane(slab, errors, plane, rho, sigma_t, straight)
         slab["factors"] = factors_of(slab, plane_parts(*where, fast=True))
     slab |= {f"{name}_se": errors[row] for row, name in enumerate(("black", "white", "collimated"))}

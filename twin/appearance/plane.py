@@ -62,6 +62,8 @@ class PlaneParts:
 
 def representable(bench: Bench) -> bool:
     """Whether a plane-parallel stack shows this bench but for its finite extent."""
+    if bench.background.glossy:
+        return False
     return not any(layer.medium is not None for layer in (*bench.covers_above, *bench.covers_below))
 
 

@@ -171,17 +171,23 @@ def optical_properties(medium: str | Medium, wavelength_nm: ArrayLike) -> Optica
 
     Raises:
         InputError: an unknown name, a composition that cannot be read or mixed, a wavelength
-            outside the source, an albedo outside 0 to 1, an extinction below 0, |g| of 1 or more.
+            outside the source, an albedo outside 0 to 1, an extinction below 0, |g| of 1 or more,
+            a second lobe that leaves no room for the first.
     """
     wavelength = wavelengths(wavelength_nm)
     if isinstance(medium, str):
         return _of_material(material(medium), wavelength)
-    return checked_properties(
+    found = checked_properties(
         wavelength,
         _of_medium(medium.albedo, "albedo", wavelength),
         _of_medium(medium.sigma_t_per_mm, "sigma_t_per_mm", wavelength),
         _of_medium(medium.g, "g", wavelength),
     )
+    if medium.second_share == 0.0:
+        return found
+    two = dataclasses.replace(found, second_share=medium.second_share, second_g=medium.second_g)
+    two.require_lobes()
+    return two
 
 
 def checked_properties(

@@ -32,6 +32,10 @@ class Coefficients(NamedTuple):
     """Anisotropy factor."""
 
 
+LARGEST_FIRST_G = 0.995
+LARGEST_SECOND_G = 0.95
+
+
 @dataclass(frozen=True)
 class OpticalProperties:
     """What the light transport needs of a medium, each array of shape (W,).
@@ -42,6 +46,8 @@ class OpticalProperties:
         sigma_t_per_mm: extinction coefficient [1/mm].
         g: anisotropy factor; 0 where nothing is scattered.
         n: refractive index of the material itself, or None when its source gives none.
+        second_share, second_g: second lobe of the phase function, see `twin.bench.Medium`;
+            the same at all wavelengths.
     """
 
     wavelength_nm: FloatArray
@@ -49,6 +55,41 @@ class OpticalProperties:
     sigma_t_per_mm: FloatArray
     g: FloatArray
     n: FloatArray | None
+    second_share: float = 0.0
+    second_g: float = -0.5
+
+    @property
+    def first_g(self) -> FloatArray:
+        """Anisotropy factor of the first lobe, shape (W,): g itself without a second one."""
+        if self.second_share == 0.0:
+            return self.g
+        return (self.g - self.second_share * self.second_g) / (1.0 - self.second_share)
+
+    def require_lobes(self) -> None:
+        """Check the second lobe.
+
+        Raises:
+            InputError: a share outside 0 to 1, or a mean cosine that asks for a first lobe
+                beyond +-0.995.
+        """
+        if not 0.0 <= self.second_share < 1.0 or not abs(self.second_g) <= LARGEST_SECOND_G:
+            raise InputError(
+                f"a second lobe of share {self.second_share:g} and g {self.second_g:g}",
+                f"a share from 0 to below 1 and a g of -{LARGEST_SECOND_G} to {LARGEST_SECOND_G}",
+                place="second_share",
+            )
+        if self.second_share > 0.0:
+            first = self.first_g
+            worst = int(np.argmax(np.abs(first)))
+            if not abs(first[worst]) <= LARGEST_FIRST_G:
+                raise InputError(
+                    f"a second lobe of share {self.second_share:g} and g {self.second_g:g}, which"
+                    f" asks for a first lobe of g {first[worst]:.4g} to keep the mean cosine at"
+                    f" {self.g[worst]:g}",
+                    f"a first lobe of g between -{LARGEST_FIRST_G} and {LARGEST_FIRST_G}",
+                    place="second_share",
+                    remedy="Take a smaller share",
+                )
 
     @property
     def sigma_s_per_mm(self) -> FloatArray:

@@ -17,6 +17,7 @@ from twin.transport.engine import (
     trace,
 )
 from twin.transport.geometry import beam_setup, panels_setup, reference_factor
+from twin.transport.responses import capture_blocks, response
 from twin.transport.tables import FlatStack, stack_transfer
 
 __all__ = [
@@ -28,12 +29,14 @@ __all__ = [
     "Setup",
     "Tallies",
     "beam_setup",
+    "capture_blocks",
     "captures",
     "compile_kernels",
     "flat_stacks",
     "mean_and_error",
     "panels_setup",
     "reference_factor",
+    "response",
     "run_many",
     "stack_transfer",
     "trace",

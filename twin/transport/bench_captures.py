@@ -62,28 +62,34 @@ def flat_stacks(
         bench: gives the covers.
         sample: gives thickness [mm] and refractive index.
         wavelength_nm: wavelengths [nm], shape (W,).
-        properties: sigma_t [1/mm] and g of the sample, shape (W,) each.
+        properties: sigma_t [1/mm] and g of the sample, shape (W,) each, and its second lobe.
 
     Returns:
         W stacks of L layers each.
 
     Raises:
-        InputError: a refractive index below 1, or a spectrum that does not cover a wavelength.
+        InputError: a refractive index below 1, a spectrum that does not cover a wavelength, or
+            a second lobe that leaves no room for the first.
     """
     layers = stack_of(bench, sample, None)
     counted = len(bench.covers_above)
     n = np.array([refractive_index(layer.n, wavelength_nm) for layer in layers])
     thickness = np.array([layer.thickness_mm for layer in layers])
     sigma_t, g, albedo = np.zeros((3, *n.shape))
+    second_share, second_g = np.zeros((2, len(layers)))
     for i, layer in enumerate(layers):
         if layer.medium is not None:
             own = optical_properties(layer.medium, wavelength_nm)
             sigma_t[i], g[i], albedo[i] = own.sigma_t_per_mm, own.g, own.albedo
+            second_share[i], second_g[i] = own.second_share, own.second_g
+    properties.require_lobes()
+    second_share[counted], second_g[counted] = properties.second_share, properties.second_g
+    second = (second_share, second_g) if np.any(second_share) else (None, None)
     sigma_t[counted], g[counted] = properties.sigma_t_per_mm, properties.g
     if np.any(n < 1.0):
         raise InputError(f"a refractive index of {n.min():g}", "1 or more", place="n")
     return [
-        FlatStack(thickness, n[:, w], sigma_t[:, w], g[:, w], albedo[:, w], counted)
+        FlatStack(thickness, n[:, w], sigma_t[:, w], g[:, w], albedo[:, w], counted, *second)
         for w in range(len(wavelength_nm))
     ]
 
@@ -106,6 +112,22 @@ def effort_for(albedo: float, paths: int, derivatives: bool = False) -> Effort:
         roulette_free=free,
         derivatives=derivatives,
     )
+
+
+def collected_share(bench: Bench, stack_height_mm: float) -> float:
+    """Share of the beam that the detector collects on the empty bench, above 0.
+
+    Raises:
+        InputError: it collects nothing.
+    """
+    share = beam_reference_share(bench, stack_height_mm)
+    if share <= 0.0:
+        raise InputError(
+            "a beam of which the detector collects nothing on the empty bench",
+            "a beam inside the detector's spot and acceptance",
+            place="beam",
+        )
+    return share
 
 
 Reading = tuple[float, float, tuple[float, float, float]]
@@ -171,13 +193,7 @@ def captures(
     stacks = flat_stacks(bench, sample, wavelength, properties)
     height = stacks[0].height
     panels, beam = panels_setup(bench, height), beam_setup(bench)
-    share = beam_reference_share(bench, height)
-    if share <= 0.0:
-        raise InputError(
-            "a beam of which the detector collects nothing on the empty bench",
-            "a beam inside the detector's spot and acceptance",
-            place="beam",
-        )
+    share = collected_share(bench, height)
     rho_black = reflectance(bench.background.black.reflectance, wavelength)
     rho_white = reflectance(bench.background.white.reflectance, wavelength)
 

@@ -15,6 +15,10 @@ from twin.transport.sampling_kernels import (
     TWO_PI,
     henyey_greenstein,
     henyey_greenstein_log_derivative,
+    phase_function,
+    phase_log_derivative,
+    sample_henyey_greenstein,
+    sample_phase,
 )
 
 TABLE_SIZE = wp.constant(1024)
@@ -63,6 +67,8 @@ class Problem:
     counted_layer: int
     half_x: float
     half_y: float
+    offset_x: float
+    offset_y: float
     has_background: int
     gap: float
     black_disc: int
@@ -71,12 +77,16 @@ class Problem:
     white_disc: int
     white_half_x: float
     white_half_y: float
+    gloss: float  # the larger one of both
+    black_gloss: float
+    white_gloss: float
     roulette_free: int
     roulette_albedo: float
     roulette_scale: float
     two_ways: int
     first_scatter: float
     lattice: int
+    common: int
     max_order: int
     paired: int
 
@@ -89,7 +99,10 @@ class Stack:
     top: wp.array(dtype=float)
     bottom: wp.array(dtype=float)
     sigma_t: wp.array(dtype=float)
-    g: wp.array(dtype=float)
+    g: wp.array(dtype=float)  # of the first lobe of the phase function
+    two_term: int  # whether some layer has a second lobe; else the next two are not read
+    second_share: wp.array(dtype=float)
+    second_g: wp.array(dtype=float)
     albedo: wp.array(dtype=float)
     table: wp.array3d(dtype=float)
     panel_centre: wp.array(dtype=wp.vec3)
@@ -97,6 +110,8 @@ class Stack:
     panel_v: wp.array(dtype=wp.vec3)
     panel_normal: wp.array(dtype=wp.vec3)
     panel_half: wp.array(dtype=wp.vec2)
+    uneven: int  # whether panels differ in radiance; else the next is not read
+    panel_light: wp.array(dtype=wp.vec2)  # radiance at the centre; relative change to +u
 
 
 @wp.struct
@@ -122,6 +137,63 @@ def look_up(table: wp.array3d(dtype=float), row: int, column: int, cosine: float
 
 
 @wp.func
+def phase_of(stack: Stack, layer: int, cosine: float) -> float:
+    """Phase function of a layer [1/sr]."""
+    if stack.two_term == 0:
+        return henyey_greenstein(stack.g[layer], cosine)
+    return phase_function(stack.g[layer], stack.second_share[layer], stack.second_g[layer], cosine)
+
+
+@wp.func
+def phase_slope(stack: Stack, layer: int, cosine: float) -> float:
+    """D ln p / d g of a layer's phase function."""
+    if stack.two_term == 0:
+        return henyey_greenstein_log_derivative(stack.g[layer], cosine)
+    return phase_log_derivative(
+        stack.g[layer], stack.second_share[layer], stack.second_g[layer], cosine
+    )
+
+
+@wp.func
+def phase_draw(stack: Stack, layer: int, u: float) -> float:
+    """Cosine of the scattering angle in a layer from one uniform."""
+    if stack.two_term == 0:
+        return sample_henyey_greenstein(stack.g[layer], u)
+    return sample_phase(stack.g[layer], stack.second_share[layer], stack.second_g[layer], u)
+
+
+@wp.func
+def beside(problem: Problem, x: float, y: float) -> bool:
+    """Whether a lateral position [mm] lies beyond the sides of the stack."""
+    return (
+        wp.abs(x - problem.offset_x) > problem.half_x
+        or wp.abs(y - problem.offset_y) > problem.half_y
+    )
+
+
+@wp.func
+def panel_radiance(stack: Stack, panel: int, point: wp.vec3) -> float:
+    """Radiance of a panel at one of its points, relative."""
+    if stack.uneven == 0:
+        return 1.0
+    light = stack.panel_light[panel]
+    half = stack.panel_half[panel]
+    along = wp.dot(point - stack.panel_centre[panel], stack.panel_u[panel]) / half[0]
+    return light[0] * (1.0 + light[1] * along)
+
+
+@wp.func
+def met_radiance(stack: Stack, panel: int, x: float, y: float, w: wp.vec3) -> float:
+    """Radiance of a panel where the ray from (x, y, 0) along w meets its plane, relative."""
+    if stack.uneven == 0:
+        return 1.0
+    start = wp.vec3(x, y, 0.0)
+    height = wp.dot(stack.panel_normal[panel], start - stack.panel_centre[panel])
+    point = start + w * (height / -wp.dot(stack.panel_normal[panel], w))
+    return panel_radiance(stack, panel, point)
+
+
+@wp.func
 def hits_panel(stack: Stack, panel: int, x: float, y: float, w: wp.vec3) -> bool:
     """Whether the ray from (x, y, 0) along w meets the panel's lit face."""
     approach = -wp.dot(stack.panel_normal[panel], w)
@@ -139,7 +211,7 @@ def hits_panel(stack: Stack, panel: int, x: float, y: float, w: wp.vec3) -> bool
 @wp.func
 def reached(problem: Problem, stack: Stack, kind: int, leaves: wp.vec3, w: wp.vec3) -> int:
     """Which target light reaches that leaves the stack along w: a panel or 0, else -1."""
-    if wp.abs(leaves[0]) > problem.half_x or wp.abs(leaves[1]) > problem.half_y:
+    if beside(problem, leaves[0], leaves[1]):
         return -1
     if kind == TARGET_PANELS:
         for candidate in range(problem.n_panels):
@@ -313,11 +385,11 @@ def shifted(x: float, y: float, w: wp.vec3, shift: float) -> wp.vec3:
 
 
 @wp.func
-def contribution(chain: Chain, g: float, before: wp.vec3, scale: float):
+def contribution(stack: Stack, layer: int, chain: Chain, before: wp.vec3, scale: float):
     """(value, d/d sigma_t, d/d g) of a chain whose direction was drawn by aiming."""
     mu = wp.dot(chain.inner, before)
-    c = scale * chain.value * henyey_greenstein(g, mu)
-    return wp.vec3(c, c * chain.slope, c * henyey_greenstein_log_derivative(g, mu))
+    c = scale * chain.value * phase_of(stack, layer, mu)
+    return wp.vec3(c, c * chain.slope, c * phase_slope(stack, layer, mu))
 
 
 @wp.func
@@ -343,19 +415,14 @@ def connect_panels(
     shift = chain_shift(stack, layer, sign, onwards, at[2], w[2])
     leaves = shifted(at[0], at[1], w, shift[0])
     w = wp.normalize(point - leaves)
-    if (
-        wp.abs(leaves[0]) > problem.half_x
-        or wp.abs(leaves[1]) > problem.half_y
-        or wp.dot(w, stack.panel_normal[panel]) >= 0.0
-    ):
+    if beside(problem, leaves[0], leaves[1]) or wp.dot(w, stack.panel_normal[panel]) >= 0.0:
         return wp.vec3(0.0, 0.0, 0.0)
     chain = follow_chain(stack, layer, sign, onwards, at[2], w, shift)
     inverse = panel_inverse_density(problem, stack, panel, leaves, w, shift) * chain.spread
-    g = stack.g[layer]
-    scale = problem.panel_scale * inverse
+    scale = problem.panel_scale * panel_radiance(stack, panel, point) * inverse
     if problem.two_ways == 1:
-        scale = scale / (1.0 + inverse * henyey_greenstein(g, wp.dot(chain.inner, before)))
-    return contribution(chain, g, before, scale)
+        scale = scale / (1.0 + inverse * phase_of(stack, layer, wp.dot(chain.inner, before)))
+    return contribution(stack, layer, chain, before, scale)
 
 
 @wp.func
@@ -403,7 +470,7 @@ def connect_scatter(
             leaves = shifted(at[0], at[1], w, shift[0])
             if reached(problem, stack, kind, leaves, w) >= 0:
                 chain = follow_chain(stack, layer, sign, onwards, at[2], w, shift)
-                total = total + contribution(chain, stack.g[layer], before, weight * chain.spread)
+                total = total + contribution(stack, layer, chain, before, weight * chain.spread)
     if kind == TARGET_HEMISPHERE or (kind == TARGET_PANELS and problem.two_ways == 1):
         n = stack.n[layer]
         x = scattered[0] * n
@@ -423,9 +490,10 @@ def connect_scatter(
                 c = chain.value
                 if kind == TARGET_PANELS:
                     inverse = panel_inverse_density(problem, stack, hit, leaves, w, shift)
-                    share = inverse * chain.spread * henyey_greenstein(stack.g[layer], mu)
-                    c = c * problem.panel_scale * share / (1.0 + share)
-                d_g = c * henyey_greenstein_log_derivative(stack.g[layer], mu)
+                    share = inverse * chain.spread * phase_of(stack, layer, mu)
+                    scale = problem.panel_scale * met_radiance(stack, hit, leaves[0], leaves[1], w)
+                    c = c * scale * share / (1.0 + share)
+                d_g = c * phase_slope(stack, layer, mu)
                 total = total + wp.vec3(c, c * chain.slope, d_g)
     return total
 
@@ -439,6 +507,16 @@ def background_shift(problem: Problem, stack: Stack, cosine: float) -> wp.vec2:
         look_up(stack.table, row, SHIFT_ALL, cosine) + problem.gap * tangent,
         look_up(stack.table, row, SHIFT_ALL_SLOPE, cosine) + problem.gap,
     )
+
+
+@wp.func
+def moves_away(problem: Problem, enters: wp.vec3, w: wp.vec3) -> bool:
+    """Whether a ray beside the stack, at the height of its lower face, moves away from it."""
+    x = enters[0] - problem.offset_x
+    y = enters[1] - problem.offset_y
+    away_x = wp.abs(x) > problem.half_x and x * w[0] >= 0.0
+    away_y = wp.abs(y) > problem.half_y and y * w[1] >= 0.0
+    return away_x or away_y
 
 
 @wp.func
@@ -467,7 +545,7 @@ def connect_background(
         if wp.dot(w, stack.panel_normal[panel]) >= 0.0:
             return wp.vec2(0.0, 0.0)
         weight = panel_inverse_density(problem, stack, panel, leaves, w, shift)
-        weight = weight * problem.panel_scale
+        weight = weight * (problem.panel_scale * panel_radiance(stack, panel, point))
     else:
         w, weight = aim(problem, kind, u, v)
         shift = background_shift(problem, stack, w[2])
@@ -475,15 +553,12 @@ def connect_background(
     lit = weight * cosine / PI
     enters = wp.vec3(x + w[0] / cosine * problem.gap, y + w[1] / cosine * problem.gap, 0.0)
     leaves = shifted(x, y, w, shift[0])
-    if wp.abs(enters[0]) > problem.half_x or wp.abs(enters[1]) > problem.half_y:
-        # beside the stack: the ray is free if it moves away from it
-        away_x = wp.abs(enters[0]) > problem.half_x and enters[0] * w[0] >= 0.0
-        away_y = wp.abs(enters[1]) > problem.half_y and enters[1] * w[1] >= 0.0
-        if away_x or away_y:
+    if beside(problem, enters[0], enters[1]):
+        if moves_away(problem, enters, w):
             return wp.vec2(lit, 0.0)
         return wp.vec2(0.0, 0.0)
     if kind == TARGET_PANELS:
-        if wp.abs(leaves[0]) > problem.half_x or wp.abs(leaves[1]) > problem.half_y:
+        if beside(problem, leaves[0], leaves[1]):
             return wp.vec2(0.0, 0.0)
     elif reached(problem, stack, kind, leaves, w) < 0:
         return wp.vec2(0.0, 0.0)
@@ -491,41 +566,3 @@ def connect_background(
         lit * look_up(stack.table, row, T_ALL, w[2]),
         lit * look_up(stack.table, row, T_ALL_SLOPE, w[2]),
     )
-
-
-@wp.func
-def score_unscattered(
-    problem: Problem, stack: Stack, tally: Tally, block: int, at: wp.vec3, w: wp.vec3
-):
-    """Specular reflection and unscattered transmission of the starting ray, in closed form.
-
-    The ray meets the stack at `at` [mm] with direction w in air.
-    """
-    cosine = wp.abs(w[2])
-    row = problem.n_layers
-    t = look_up(stack.table, row, T_ALL, cosine)
-    r = look_up(stack.table, row, R_ALL, cosine)
-    dt = look_up(stack.table, row, T_ALL_SLOPE, cosine)
-    dr = look_up(stack.table, row, R_ALL_SLOPE, cosine)
-    up = r
-    d_up = dr
-    down = t
-    d_down = dt
-    if problem.start_from_below == 1:
-        up = t
-        d_up = dt
-        down = r
-        d_down = dr
-    if problem.target_up == TARGET_PANELS:
-        mirrored = wp.vec3(w[0], w[1], cosine)
-        for panel in range(problem.n_panels):
-            if hits_panel(stack, panel, at[0], at[1], mirrored):
-                scale = problem.panel_scale
-                score(tally, block, 0, 0, 0, scale * up, scale * d_up, 0.0)
-                score(tally, block, 1, 0, 0, scale * up, scale * d_up, 0.0)
-    inside = at[0] * at[0] + at[1] * at[1] <= problem.exit_radius * problem.exit_radius
-    in_cone = cosine >= problem.target_cosine and inside
-    if problem.target_up == TARGET_HEMISPHERE or (problem.target_up == TARGET_CONE and in_cone):
-        score(tally, block, 0, 0, 0, up, d_up, 0.0)
-    if problem.target_down == TARGET_HEMISPHERE or (problem.target_down == TARGET_CONE and in_cone):
-        score(tally, block, 1, 0, 0, down, d_down, 0.0)

@@ -28,13 +28,18 @@ TARGETS = {"none": 0, "panels": 1, "cone": 2, "hemisphere": 3, "direction": 4}
 
 @dataclass(frozen=True)
 class PanelShape:
-    """A panel as the kernel sees it: centre, two unit axes, normal, half extents [mm]."""
+    """A panel as the kernel sees it: centre, two unit axes, normal, half extents [mm].
+
+    Its radiance, relative, is level * (1 + gradient * place along u / half extent).
+    """
 
     centre: tuple[float, float, float]
     u: tuple[float, float, float]
     v: tuple[float, float, float]
     normal: tuple[float, float, float]
     half: tuple[float, float]
+    level: float = 1.0
+    gradient: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,9 @@ class Setup:
         panels: lit rectangles; panel_scale: factor that turns radiance into the reported
         quantity (pi / reference factor).
         half_size: half the lateral extent of the stack along x and y.
+        offset: where the middle of the stack lies along x and y [mm].
         gap: air between stack and background; black, white: outlines, or None.
+        black_gloss, white_gloss: share of each background's reflectance that is mirror-like.
     """
 
     from_below: bool = False
@@ -74,9 +81,12 @@ class Setup:
     panels: tuple[PanelShape, ...] = ()
     panel_scale: float = 1.0
     half_size: tuple[float, float] = (1.0e18, 1.0e18)
+    offset: tuple[float, float] = (0.0, 0.0)
     gap: float = 0.0
     black: Outline | None = None
     white: Outline | None = None
+    black_gloss: float = 0.0
+    white_gloss: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -89,6 +99,8 @@ class Effort:
         roulette_albedo, roulette_scale, roulette_free: Russian roulette beyond `roulette_free`
             scattering events with survival albedo * (k - 1 + scale) / (k + scale).
         lattice: sorted paths and low-discrepancy points (off: plain Monte Carlo).
+        common: random numbers fixed by path and event, whatever the other paths do: two traces
+            that differ a little then have most of their noise in common (needs lattice off).
         derivatives: also estimate d/d sigma_t and d/d g.
         balance: also count collisions and losses at the sides.
         paired: also tell, by the same paths, what the unbounded stack of the plane-parallel
@@ -106,6 +118,7 @@ class Effort:
     roulette_scale: float = 64.0
     roulette_free: int = 16
     lattice: bool = True
+    common: bool = False
     derivatives: bool = False
     balance: bool = False
     paired: bool = False
@@ -245,7 +258,7 @@ def trace(
 
     Raises:
         ValueError: derivatives are asked for with a second scattering layer; an albedo for
-            splitting is outside 0 to 1, or no layer scatters.
+            splitting is outside 0 to 1, or no layer scatters; options that exclude each other.
     """
     _warp()
     device = device or default_device()
@@ -255,6 +268,11 @@ def trace(
         raise ValueError(f"split_albedo is {effort.split_albedo}; expected 0 to 1")
     if effort.paired and (effort.balance or effort.derivatives or setup.down != "none"):
         raise ValueError("a paired trace tells panels or a cone above, without balance or slopes")
+    glossy = setup.black_gloss > 0.0 or setup.white_gloss > 0.0
+    if glossy and (effort.paired or setup.up == "direction"):
+        raise ValueError("a glossy background is neither paired nor seen from one direction")
+    if effort.common and (effort.lattice or effort.split_albedo > 0.0):
+        raise ValueError("common random numbers need paths that are neither sorted nor split")
     piece = effort.blocks
     if device == "cpu":
         piece = max(1, PATHS_OF_A_LAUNCH >> effort.log2_paths)
@@ -291,6 +309,9 @@ def _launch(
     """One launch of the kernel: the blocks of `effort`, from `first_block` on."""
     wp = _warp()
     connect, population = _MODULES["connect"], _MODULES["population"]
+    nothing = np.zeros(len(stack.n))
+    second_share = nothing if stack.second_share is None else stack.second_share
+    second_g = nothing if stack.second_g is None else stack.second_g
     problem = connect.Problem()
     problem.start_from_below = int(setup.from_below)
     problem.start_sine = np.sin(setup.polar)
@@ -306,6 +327,7 @@ def _launch(
     problem.n_layers = len(stack.n)
     problem.counted_layer = stack.counted
     problem.half_x, problem.half_y = setup.half_size
+    problem.offset_x, problem.offset_y = setup.offset
     problem.has_background = int(setup.black is not None or setup.white is not None)
     problem.gap = setup.gap
     for name, outline in (("black", setup.black), ("white", setup.white)):
@@ -313,13 +335,16 @@ def _launch(
         setattr(problem, f"{name}_disc", int(edge.disc))
         setattr(problem, f"{name}_half_x", edge.half_x)
         setattr(problem, f"{name}_half_y", edge.half_y)
+    problem.black_gloss, problem.white_gloss = setup.black_gloss, setup.white_gloss
+    problem.gloss = max(setup.black_gloss, setup.white_gloss)
     problem.roulette_free = effort.roulette_free
     problem.roulette_albedo = effort.roulette_albedo
     problem.roulette_scale = effort.roulette_scale
     # next to a nearly isotropic phase function, aiming alone is as good and cheaper
-    problem.two_ways = int(np.max(np.abs(stack.g)) > TWO_WAYS_G)
+    lobes = np.abs(np.concatenate([stack.first_g, second_g]))
+    problem.two_ways = int(np.max(lobes) > TWO_WAYS_G)
     problem.first_scatter = effort.first_scatter
-    problem.lattice = int(effort.lattice)
+    problem.lattice, problem.common = int(effort.lattice), int(effort.common)
     problem.max_order = MAX_ORDER
     problem.paired = int(effort.paired)
 
@@ -328,7 +353,9 @@ def _launch(
 
     layers = connect.Stack()
     bottom = -np.cumsum(stack.thickness)
-    layers.n, layers.sigma_t, layers.g = array(stack.n), array(stack.sigma_t), array(stack.g)
+    layers.n, layers.sigma_t, layers.g = array(stack.n), array(stack.sigma_t), array(stack.first_g)
+    layers.two_term = int(np.any(second_share))
+    layers.second_share, layers.second_g = array(second_share), array(second_g)
     layers.albedo = array(stack.albedo)
     layers.top, layers.bottom = array(bottom + stack.thickness), array(bottom)
     layers.table = array(transfer_table(stack, setup.from_below).astype(np.float32))
@@ -338,6 +365,8 @@ def _launch(
     layers.panel_v = array([s.v for s in shapes], wp.vec3)
     layers.panel_normal = array([s.normal for s in shapes], wp.vec3)
     layers.panel_half = array([s.half for s in shapes], wp.vec2)
+    layers.uneven = int(any(s.level != 1.0 or s.gradient != 0.0 for s in shapes))
+    layers.panel_light = array([(s.level, s.gradient) for s in shapes], wp.vec2)
 
     order_bin, order = order_bins()
     bounce_bin, bounce = bounce_bins()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,13 +25,25 @@ def panel_shape(panel: Panel) -> PanelShape:
     )
     v = (-math.sin(azimuth), math.cos(azimuth), 0.0)
     normal = -centre / np.linalg.norm(centre)
-    return PanelShape(tuple(centre), u, v, tuple(normal), (panel.width_mm / 2, panel.length_mm / 2))
+    half = (panel.width_mm / 2, panel.length_mm / 2)
+    return PanelShape(tuple(centre), u, v, tuple(normal), half, panel.level, panel.gradient)
+
+
+def relative_radiance(panel: PanelShape, along: FloatArray) -> FloatArray:
+    """Radiance of a panel's points in units of the bench, of the shape of `along`.
+
+    Args:
+        panel: the panel.
+        along: place along its axis u, -1 to 1 from edge to edge.
+    """
+    return panel.level * (1.0 + panel.gradient * along)
 
 
 def irradiance_factor(panels: tuple[PanelShape, ...], x: float, y: float, z: float) -> float:
-    """Irradiance on a horizontal element per unit panel radiance [sr], by quadrature.
+    """Irradiance on a horizontal element per unit of panel radiance [sr], by quadrature.
 
-    E / L = sum over panels of the integral of cos(incidence) cos(emission) / r^2 dA; 32 x 32
+    E / L = sum over panels of the integral of l cos(incidence) cos(emission) / r^2 dA with the
+    relative radiance l of the panel's point (1 unless the bench says otherwise); 32 x 32
     Gauss-Legendre nodes leave an error below 1e-12 for panels above the horizon.
     """
     nodes, weights = np.polynomial.legendre.leggauss(32)
@@ -38,6 +51,7 @@ def irradiance_factor(panels: tuple[PanelShape, ...], x: float, y: float, z: flo
     for panel in panels:
         a, b = np.meshgrid(nodes * panel.half[0], nodes * panel.half[1], indexing="ij")
         area = np.outer(weights, weights) * panel.half[0] * panel.half[1]
+        area = area * relative_radiance(panel, a / panel.half[0])
         points = (
             np.array(panel.centre)
             + a[..., None] * np.array(panel.u)
@@ -81,8 +95,10 @@ def outline(background: Background) -> Outline:
     return Outline(background.shape == "disc", background.size_mm[0] / 2, background.size_mm[1] / 2)
 
 
-def _four_fold(bench: Bench) -> bool:
+def four_fold(bench: Bench) -> bool:
     """Whether stack and backgrounds look the same after a quarter turn about the axis."""
+    if bench.offset_mm != (0.0, 0.0):
+        return False
     sizes = [bench.background.black.size_mm, bench.background.white.size_mm]
     if bench.size_mm is not None:
         sizes.append(bench.size_mm)
@@ -93,8 +109,12 @@ def _quarter_turn(shape: PanelShape) -> PanelShape:
     def turned(v: tuple[float, float, float]) -> tuple[float, float, float]:
         return (-v[1], v[0], v[2])
 
-    return PanelShape(
-        turned(shape.centre), turned(shape.u), turned(shape.v), turned(shape.normal), shape.half
+    return replace(
+        shape,
+        centre=turned(shape.centre),
+        u=turned(shape.u),
+        v=turned(shape.v),
+        normal=turned(shape.normal),
     )
 
 
@@ -104,15 +124,21 @@ def _half_size(bench: Bench) -> tuple[float, float]:
     return bench.size_mm[0] / 2, bench.size_mm[1] / 2
 
 
-def panels_setup(bench: Bench, stack_height_mm: float) -> Setup:
+def panels_setup(bench: Bench, stack_height_mm: float, turned: bool | None = None) -> Setup:
     """The captures `black` and `white`, traced from the detector to the panels.
 
     The reported quantity is the radiance factor against a perfect diffuser in the reference
     plane: pi times radiance over the reference's irradiance.
+
+    Args:
+        bench: the bench.
+        stack_height_mm: [mm].
+        turned: score the paths turned by 90 degrees too, which only a bench that is
+            `four_fold` permits; None does so whenever it is.
     """
     scale = math.pi / reference_factor(bench, reference_plane_mm(bench, stack_height_mm))
     panels = tuple(panel_shape(panel) for panel in bench.panels)
-    if _four_fold(bench):
+    if four_fold(bench) if turned is None else turned:
         # a path turned by 90 degrees is as likely as the path: score it too, at no cost
         panels += tuple(_quarter_turn(shape) for shape in panels)
         scale /= 2.0
@@ -123,9 +149,12 @@ def panels_setup(bench: Bench, stack_height_mm: float) -> Setup:
         panels=panels,
         panel_scale=scale,
         half_size=_half_size(bench),
+        offset=bench.offset_mm,
         gap=bench.background.gap_mm,
         black=outline(bench.background.black),
         white=outline(bench.background.white),
+        black_gloss=bench.background.black.gloss,
+        white_gloss=bench.background.white.gloss,
     )
 
 
@@ -137,12 +166,14 @@ def beam_setup(bench: Bench) -> Setup:
     """
     return Setup(
         from_below=True,
+        polar=math.radians(bench.beam.tilt_deg),
         cone=math.radians(bench.beam.divergence_deg),
         radius=bench.beam.diameter_mm / 2,
         up="cone",
         target_cosine=math.cos(math.radians(bench.detector.acceptance_deg)),
         exit_radius=bench.detector.spot_beam_mm / 2,
         half_size=_half_size(bench),
+        offset=bench.offset_mm,
     )
 
 
@@ -153,6 +184,8 @@ def beam_reference_share(bench: Bench, stack_height_mm: float) -> float:
     arrives at z = 0 on a disc blurred by d; directions beyond the acceptance are not
     collected. Deterministic midpoint quadrature over radius, direction and azimuth.
     """
+    if bench.beam.tilt_deg != 0.0:
+        return _tilted_reference_share(bench, stack_height_mm)
     a, spot = bench.beam.diameter_mm / 2, bench.detector.spot_beam_mm / 2
     divergence = math.radians(bench.beam.divergence_deg)
     acceptance = math.radians(bench.detector.acceptance_deg)
@@ -166,3 +199,22 @@ def beam_reference_share(bench: Bench, stack_height_mm: float) -> float:
     reach = radius**2 + shift**2 + 2 * radius * shift * np.cos(azimuth)
     collected = (reach <= spot**2) & (sine <= math.sin(acceptance) + 1e-12)
     return float(collected.mean())
+
+
+def _tilted_reference_share(bench: Bench, stack_height_mm: float) -> float:
+    """`beam_reference_share` of a tilted beam: both azimuths count."""
+    spot = bench.detector.spot_beam_mm / 2
+    tilt = math.radians(bench.beam.tilt_deg)
+    grid: FloatArray = (np.arange(32) + 0.5) / 32
+    radius = bench.beam.diameter_mm / 2 * np.sqrt(grid)[:, None, None, None]
+    place = 2.0 * math.pi * grid[None, :, None, None]
+    sine = math.sin(math.radians(bench.beam.divergence_deg)) * np.sqrt(grid)[None, None, :, None]
+    azimuth = 2.0 * math.pi * grid[None, None, None, :]
+    cosine = np.sqrt(1.0 - sine**2)
+    along = math.cos(tilt) * sine * np.cos(azimuth) + math.sin(tilt) * cosine
+    across = sine * np.sin(azimuth)
+    up = math.cos(tilt) * cosine - math.sin(tilt) * sine * np.cos(azimuth)
+    x = radius * np.cos(place) + stack_height_mm * along / up
+    y = radius * np.sin(place) + stack_height_mm * across / up
+    accepted = up >= math.cos(math.radians(bench.detector.acceptance_deg)) - 1e-12
+    return float(((x**2 + y**2 <= spot**2) & accepted).mean())

@@ -38,6 +38,8 @@ class Path:
     bounces: int
     on_black: int
     on_white: int
+    black_share: float  # of the weight: a background is a mirror or Lambertian with a share each
+    white_share: float
     alive: int
     event: int  # what the path is about to meet
     state: wp.uint64

@@ -125,6 +125,39 @@ def sample_henyey_greenstein(g: float, u: float) -> float:
 
 
 @wp.func
+def phase_function(first_g: float, share: float, second_g: float, cosine: float) -> float:
+    """Two-term Henyey-Greenstein [1/sr]: (1 - share) HG(first_g) + share HG(second_g)."""
+    value = henyey_greenstein(first_g, cosine)
+    if share > 0.0:
+        value = (1.0 - share) * value + share * henyey_greenstein(second_g, cosine)
+    return value
+
+
+@wp.func
+def phase_log_derivative(first_g: float, share: float, second_g: float, cosine: float) -> float:
+    """D ln p / d g at a fixed second lobe, g = (1 - share) first_g + share second_g."""
+    slope = henyey_greenstein_log_derivative(first_g, cosine)
+    if share > 0.0:
+        first = henyey_greenstein(first_g, cosine)
+        slope = slope * first / phase_function(first_g, share, second_g, cosine)
+    return slope
+
+
+@wp.func
+def sample_phase(first_g: float, share: float, second_g: float, u: float) -> float:
+    """Cosine of the scattering angle from one uniform, which also chooses the lobe."""
+    g = first_g
+    v = u
+    if share > 0.0:
+        if u < share:
+            g = second_g
+            v = u / share
+        else:
+            v = (u - share) / (1.0 - share)
+    return sample_henyey_greenstein(g, v)
+
+
+@wp.func
 def turn(direction: wp.vec3, cosine: float, azimuth: float) -> wp.vec3:
     """A unit vector at a given angle to `direction` (basis of Duff et al. 2017)."""
     sine = wp.sqrt(wp.max(0.0, 1.0 - cosine * cosine))

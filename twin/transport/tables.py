@@ -7,7 +7,7 @@ transmittances of everything above and below a layer follow by adding interfaces
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,8 @@ class FlatStack:
         thickness: [mm]; n: refractive index; sigma_t: [1/mm] (0 = clear); g: anisotropy
         factor; albedo: of every layer but the counted one; counted: index of the layer whose
         albedo stays free, or -1.
+        second_share, second_g: second lobe of the phase function (see `twin.bench.Medium`), or
+        None for none in any layer.
     """
 
     thickness: FloatArray
@@ -33,6 +35,15 @@ class FlatStack:
     g: FloatArray
     albedo: FloatArray
     counted: int
+    second_share: FloatArray | None = None
+    second_g: FloatArray | None = None
+
+    @property
+    def first_g(self) -> FloatArray:
+        """Anisotropy factor of the first lobe of every layer, shape (L,)."""
+        if self.second_share is None or self.second_g is None:
+            return self.g
+        return np.asarray((self.g - self.second_share * self.second_g) / (1.0 - self.second_share))
 
     @property
     def height(self) -> float:
@@ -153,7 +164,7 @@ def _slopes(
     for direction in (-1.0, 1.0):
         sigma = stack.sigma_t.copy()
         sigma[stack.counted] += direction * step
-        moved = FlatStack(stack.thickness, stack.n, sigma, stack.g, stack.albedo, stack.counted)
+        moved = replace(stack, sigma_t=sigma)
         sides.append(stack_transfer(moved, cos_air, from_below))
     (t0, r0), (t1, r1) = sides
     return (t1 - t0) / (2 * step), (r1 - r0) / (2 * step)

@@ -19,10 +19,12 @@ from twin.transport.connect_kernels import (
     follow_chain,
     hits_panel,
     look_up,
+    met_radiance,
     panel_inverse_density,
     panel_point,
+    panel_radiance,
+    phase_of,
 )
-from twin.transport.sampling_kernels import henyey_greenstein
 
 wp.set_module_options({"enable_backward": False})
 
@@ -46,13 +48,14 @@ def connect_unbounded(
     """
     total = float(0.0)
     kind = problem.target_up
-    g = stack.g[layer]
     nowhere = wp.vec2(0.0, 0.0)
     origin = wp.vec3(0.0, 0.0, 0.0)
     if kind == TARGET_PANELS:
         choice = pick * float(problem.n_panels)
         panel = wp.min(int(choice), problem.n_panels - 1)
-        w = wp.normalize(panel_point(stack, panel, u, v))
+        point = panel_point(stack, panel, u, v)
+        light = problem.panel_scale * panel_radiance(stack, panel, point)
+        w = wp.normalize(point)
         if w[2] > 0.0 and wp.dot(w, stack.panel_normal[panel]) < 0.0:
             density = panel_inverse_density(problem, stack, panel, origin, w, nowhere)
             for back in range(2):
@@ -63,12 +66,12 @@ def connect_unbounded(
                         weight = 1.0 / BACK_SHARE
                 if weight > 0.0:
                     chain = follow_chain(stack, layer, 1.0, 1 - back, z, w, nowhere)
-                    phase = henyey_greenstein(g, wp.dot(chain.inner, before))
+                    phase = phase_of(stack, layer, wp.dot(chain.inner, before))
                     inverse = density * chain.spread
                     share = inverse * phase
                     if problem.two_ways == 1:
                         share = share / (1.0 + share)
-                    total = total + weight * problem.panel_scale * share * chain.value
+                    total = total + weight * light * share * chain.value
         if problem.two_ways == 1:
             n = stack.n[layer]
             x = scattered[0] * n
@@ -85,15 +88,16 @@ def connect_unbounded(
                         inverse = panel_inverse_density(
                             problem, stack, candidate, origin, w, nowhere
                         )
-                        phase = henyey_greenstein(g, wp.dot(scattered, before))
+                        phase = phase_of(stack, layer, wp.dot(scattered, before))
                         share = inverse * chain.spread * phase
-                        total = total + problem.panel_scale * chain.value * share / (1.0 + share)
+                        light = problem.panel_scale * met_radiance(stack, candidate, 0.0, 0.0, w)
+                        total = total + light * chain.value * share / (1.0 + share)
                         break
     else:
         w, weight = aim(problem, kind, u, v)
         for onwards in range(2):
             chain = follow_chain(stack, layer, 1.0, onwards, z, w, nowhere)
-            phase = henyey_greenstein(g, wp.dot(chain.inner, before))
+            phase = phase_of(stack, layer, wp.dot(chain.inner, before))
             total = total + weight * chain.spread * chain.value * phase
     return total
 
@@ -105,10 +109,12 @@ def connect_unbounded_background(
     """What `connect_background` is for panels seen from the axis of an unbounded stack."""
     row = problem.n_layers
     panel = wp.min(int(pick * float(problem.n_panels)), problem.n_panels - 1)
-    w = wp.normalize(panel_point(stack, panel, u, v))
+    point = panel_point(stack, panel, u, v)
+    w = wp.normalize(point)
     if w[2] <= 0.0 or wp.dot(w, stack.panel_normal[panel]) >= 0.0:
         return 0.0
     origin = wp.vec3(0.0, 0.0, 0.0)
     weight = panel_inverse_density(problem, stack, panel, origin, w, wp.vec2(0.0, 0.0))
-    lit = weight * problem.panel_scale * w[2] / PI
+    light = problem.panel_scale * panel_radiance(stack, panel, point)
+    lit = weight * light * w[2] / PI
     return lit * look_up(stack.table, row, T_ALL, w[2])

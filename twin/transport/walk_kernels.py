@@ -19,15 +19,15 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.transport.connect_kernels import (
-    Problem,
-    Stack,
-    Tally,
-    connect_background,
-    connect_scatter,
-    score,
-    score_unscattered,
+from twin.transport.connect_kernels import Problem, Stack, Tally, beside, score
+from twin.transport.event_kernels import (
+    FACE,
+    FACE_2,
+    FLIGHT,
+    bounce_event,
+    scatter_event,
 )
+from twin.transport.mirror_kernels import score_unscattered
 from twin.transport.population_kernels import (
     KEYS,
     Generation,
@@ -42,48 +42,29 @@ from twin.transport.population_kernels import (
 )
 from twin.transport.sampling_kernels import (
     GOLDEN_GAMMA,
-    TWO_PI,
     cosine_cone,
     fresnel,
-    henyey_greenstein_log_derivative,
     kronecker,
-    on_background,
-    sample_henyey_greenstein,
+    mix64,
     stream_start,
-    turn,
-    turn_upright,
     uniform2,
     uniform8,
     uniform_disc,
     vec8,
 )
-from twin.transport.unbounded_kernels import connect_unbounded, connect_unbounded_background
 
 wp.set_module_options({"enable_backward": False})
 
-CHANNEL_BLACK = wp.constant(0)
-CHANNEL_WHITE = wp.constant(1)
-CHANNEL_DOWN = wp.constant(1)
 CHANNEL_SIDE = wp.constant(2)
-CHANNEL_UNBOUNDED = wp.constant(2)
-CHANNEL_COLLISION = wp.constant(3)
 FAR = wp.constant(1.0e30)
 FULL = wp.constant(0.999)
+FORK = wp.constant(wp.uint64(0xD1B54A32D192ED03))
+COVER = wp.constant(wp.uint64(0x8CB92BA72F3D8DD7))
 
 # what a path is about to meet
 NOTHING = wp.constant(0)
 SCATTERING = wp.constant(1)
 BACKGROUND = wp.constant(2)
-
-# what each coordinate of a step's low-discrepancy point decides
-FLIGHT = wp.constant(0)
-SCATTER = wp.constant(1)
-AZIMUTH = wp.constant(2)
-FACE = wp.constant(3)
-AIM_U = wp.constant(4)
-AIM_V = wp.constant(5)
-AIM_PICK = wp.constant(6)
-FACE_2 = wp.constant(7)
 
 
 @wp.func
@@ -117,129 +98,10 @@ def start_path(
     path.layer = layer
     path.on_black = 1
     path.on_white = 1
+    path.black_share = 1.0
+    path.white_share = 1.0
     path.alive = 1
     path.state = state
-    return path
-
-
-@wp.func
-def scatter_event(
-    problem: Problem,
-    stack: Stack,
-    tally: Tally,
-    row: int,
-    before: Path,
-    points: vec8,
-    upright: int,
-) -> Path:
-    """One scattering event: connect to the targets, play roulette, turn.
-
-    With `upright` the random numbers decide the new direction's height as directly as can be.
-    """
-    path = before
-    layer = path.layer
-    if layer == problem.counted_layer:
-        path.order = path.order + 1
-        path.score_sigma = path.score_sigma + 1.0 / stack.sigma_t[layer]
-    else:
-        path.weight = path.weight * stack.albedo[layer]
-    if tally.balance == 1:
-        score(tally, row, CHANNEL_COLLISION, 0, path.order, path.weight, 0.0, 0.0)
-    mu = sample_henyey_greenstein(stack.g[layer], points[SCATTER])
-    scattered = path.direction
-    if upright == 0:
-        scattered = turn(path.direction, mu, TWO_PI * points[AZIMUTH])
-    elif stack.g[layer] == 0.0:
-        sine = wp.sqrt(wp.max(0.0, 1.0 - mu * mu))
-        azimuth = TWO_PI * points[AZIMUTH]
-        scattered = wp.vec3(sine * wp.cos(azimuth), sine * wp.sin(azimuth), mu)
-        mu = wp.dot(scattered, path.direction)
-    else:
-        scattered = turn_upright(path.direction, mu, TWO_PI * points[AZIMUTH])
-    if problem.target_up != 0:
-        joined = connect_scatter(
-            problem, stack, problem.target_up, 1.0, layer, path.at, path.direction, scattered,
-            points[AIM_U], points[AIM_V], points[AIM_PICK],
-        )  # fmt: skip
-        c = joined[0] * path.weight
-        ds = joined[1] * path.weight + c * path.score_sigma
-        dg = joined[2] * path.weight + c * path.score_g
-        if path.on_black == 1:
-            score(tally, row, CHANNEL_BLACK, path.bounces, path.order, c, ds, dg)
-        if path.on_white == 1 and problem.has_background == 1:
-            score(tally, row, CHANNEL_WHITE, path.bounces, path.order, c, ds, dg)
-        if problem.paired == 1:
-            c = path.weight * connect_unbounded(
-                problem, stack, layer, path.at[2], path.direction, scattered,
-                points[AIM_U], points[AIM_V], points[AIM_PICK],
-            )  # fmt: skip
-            score(tally, row, CHANNEL_UNBOUNDED, path.bounces, path.order, c, 0.0, 0.0)
-    if problem.target_down != 0:
-        joined = connect_scatter(
-            problem, stack, problem.target_down, -1.0, layer, path.at, path.direction, scattered,
-            points[AIM_U], points[AIM_V], points[AIM_PICK],
-        )  # fmt: skip
-        c = joined[0] * path.weight
-        ds = joined[1] * path.weight + c * path.score_sigma
-        dg = joined[2] * path.weight + c * path.score_g
-        score(tally, row, CHANNEL_DOWN, path.bounces, path.order, c, ds, dg)
-    if path.order >= problem.max_order or path.weight <= 0.0:
-        path.alive = 0
-    elif path.order > problem.roulette_free:
-        k = float(path.order)
-        survival = (
-            problem.roulette_albedo
-            * (k - 1.0 + problem.roulette_scale)
-            / (k + problem.roulette_scale)
-        )
-        state, u, spare = uniform2(path.state)
-        path.state = state
-        if u >= survival:
-            path.alive = 0
-        path.weight = path.weight / survival
-    if layer == problem.counted_layer:
-        path.score_g = path.score_g + henyey_greenstein_log_derivative(stack.g[layer], mu)
-    path.direction = scattered
-    return path
-
-
-@wp.func
-def bounce_event(
-    problem: Problem, stack: Stack, tally: Tally, row: int, before: Path, points: vec8
-) -> Path:
-    """Arrival at the background plane from the stack: connect to the target, bounce."""
-    path = before
-    descent = problem.gap / wp.max(-path.direction[2], 1.0e-6)
-    x = path.at[0] + path.direction[0] * descent
-    y = path.at[1] + path.direction[1] * descent
-    if not on_background(problem.black_disc, problem.black_half_x, problem.black_half_y, x, y):
-        path.on_black = 0
-    if not on_background(problem.white_disc, problem.white_half_x, problem.white_half_y, x, y):
-        path.on_white = 0
-    lost = path.on_black == 0 and path.on_white == 0 and problem.paired == 0
-    if lost or path.bounces >= 63:
-        path.alive = 0
-        return path
-    path.bounces = path.bounces + 1
-    joined = connect_background(
-        problem, stack, wp.vec3(x, y, 0.0), points[AIM_U], points[AIM_V], points[AIM_PICK]
-    )
-    c = joined[0] * path.weight
-    ds = joined[1] * path.weight + c * path.score_sigma
-    dg = c * path.score_g
-    if path.on_black == 1:
-        score(tally, row, CHANNEL_BLACK, path.bounces, path.order, c, ds, dg)
-    if path.on_white == 1:
-        score(tally, row, CHANNEL_WHITE, path.bounces, path.order, c, ds, dg)
-    if problem.paired == 1:
-        c = path.weight * connect_unbounded_background(
-            problem, stack, points[AIM_U], points[AIM_V], points[AIM_PICK]
-        )
-        score(tally, row, CHANNEL_UNBOUNDED, path.bounces, path.order, c, 0.0, 0.0)
-    up = cosine_cone(1.0, points[SCATTER], points[AZIMUTH])
-    path.direction = up
-    path.at = wp.vec3(x, y, stack.bottom[problem.n_layers - 1] - problem.gap)
-    path.layer = problem.n_layers
     return path
 
 
@@ -264,7 +126,7 @@ def enter_from_gap(problem: Problem, stack: Stack, before: Path, u: float) -> Pa
     y = path.at[1] + up[1] * ascent
     layer = problem.n_layers - 1
     path.at = wp.vec3(x, y, stack.bottom[layer])
-    if wp.abs(x) > problem.half_x or wp.abs(y) > problem.half_y:
+    if beside(problem, x, y):
         path = leave_sideways(problem, path)
     reflectance, cosine = fresnel(1.0, stack.n[layer], up[2])
     if u < reflectance:
@@ -335,12 +197,18 @@ def fly(
     layer = int(path.layer)
     moving = int(path.alive)
     stays = int(0)
+    cover_state = mix64(state ^ COVER)
     while moving == 1:
         sigma = stack.sigma_t[layer]
         flight = float(FAR)
+        in_cover = bool(False)
         if sigma > 0.0:
             u = float(points[FLIGHT])
-            if first_flight == 0:
+            # with common random numbers a scattering cover leaves the sample's numbers alone
+            in_cover = problem.common == 1 and layer != problem.counted_layer
+            if in_cover:
+                cover_state, u, spare = uniform2(cover_state)
+            elif first_flight == 0:
                 state, u, spare = uniform2(state)
             flight = -wp.log(1.0 - u) / sigma
         to_face = float(FAR)
@@ -350,15 +218,16 @@ def fly(
             to_face = wp.max(0.0, z - stack.bottom[layer]) / -dz
         to_side = float(FAR)
         if dx != 0.0:
-            to_side = (problem.half_x - wp.sign(dx) * x) / wp.abs(dx)
+            to_side = (problem.half_x - wp.sign(dx) * (x - problem.offset_x)) / wp.abs(dx)
         if dy != 0.0:
-            to_side = wp.min(to_side, (problem.half_y - wp.sign(dy) * y) / wp.abs(dy))
+            to_edge = problem.half_y - wp.sign(dy) * (y - problem.offset_y)
+            to_side = wp.min(to_side, to_edge / wp.abs(dy))
         beyond = float(FAR)
         if problem.paired == 1:
             # the unbounded stack has no sides; what the bounded one loses is noted below
             beyond = to_side
             to_side = float(FAR)
-        if sigma > 0.0:
+        if sigma > 0.0 and not in_cover:
             if first_flight == 1 and stay == 1:
                 kept = share_kept(problem, stack, layer, dz, sigma, to_face, to_side)
                 if kept < 1.0:
@@ -498,10 +367,15 @@ def trace_plain(
             index = generation.order[row, i]
             path = generation.paths[row, index]
             points = numbers(problem, path, i, shift)
+            if problem.common == 1 and step == 0:
+                points = kronecker(index, shift)
+            following = mix64(path.state ^ FORK)
             if problem.lattice == 0:
                 path.state = path.state + GOLDEN_GAMMA * wp.uint64(4)
             path = fly(problem, stack, tally, row, path, points, 0)
             path = meet(problem, stack, tally, row, path, points, 0)
+            if problem.common == 1:
+                path.state = following
             if path.alive == 1:
                 generation.paths[row, index] = path
                 generation.order[row, left] = index

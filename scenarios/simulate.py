@@ -40,6 +40,9 @@ LAMP_OF = {
 Settings = dict[str, "Exposure"]
 """Exposure of every capture of one sample but its darks."""
 
+Signals = dict[str, FloatArray]
+"""Signal [electrons/s] of every capture of one sample, shape (P,) each."""
+
 
 @dataclass(frozen=True)
 class _Planned:
@@ -91,7 +94,11 @@ def simulate_visit(
 
 
 def noisy_visits(
-    scenario: Scenario, noiseless: Sequence[NoiselessCaptures], seeds: Iterable[int]
+    scenario: Scenario,
+    noiseless: Sequence[NoiselessCaptures],
+    seeds: Iterable[int],
+    *,
+    disturb: Callable[[list[Signals], list[Settings], FloatArray], list[Signals]] | None = None,
 ) -> Iterator[Measurement]:
     """Visits in the same light that differ in lamps and noise: `simulate_visit` from the light on.
 
@@ -99,6 +106,8 @@ def noisy_visits(
         scenario: what is measured; its own seed is not used.
         noiseless: captures of every sample by the light transport.
         seeds: of lamps and noise, one for each visit.
+        disturb: what happens to the signals before the detector, given the exposures and the
+            wavelengths of the light; None: nothing.
 
     Yields:
         One measurement for each seed.
@@ -110,6 +119,8 @@ def noisy_visits(
     fine = fine_grid_nm(instrument)
     rates = [_signals(scenario, number, fine, noiseless) for number in range(len(noiseless))]
     settings = [_settings(scenario, rates[0], own) for own in rates]
+    if disturb is not None:
+        rates = disturb(rates, settings, fine)
     plan = list(_plan(scenario.protocol, settings))
     pixels = np.asarray(instrument.wavelength_nm, dtype=np.float64)
     light_se, truth = _light_se(scenario, noiseless, fine, pixels), _truth(scenario, fine)
@@ -203,9 +214,10 @@ def _signals(
 
     bench, instrument, mine = scenario.bench, scenario.bench.instrument, noiseless[number]
     panels, beam = lamp(bench.panel_spectrum, fine), lamp(bench.beam.spectrum, fine)
+    # The mirror part of a glossy background sends the panels' light past the detector.
     rho = {
-        "black_reference": reflectance(bench.background.black.reflectance, fine),
-        "white_reference": reflectance(bench.background.white.reflectance, fine),
+        f"{name}_reference": reflectance(own.reflectance, fine) * (1.0 - own.gloss)
+        for name, own in (("black", bench.background.black), ("white", bench.background.white))
     }
     between = LightBetween(bench, scenario.samples[number], mine)
     seen = dict(zip(SAMPLE_LIGHT, between.intensities(fine), strict=True))

@@ -1,0 +1,208 @@
+"""What the corrections of the described bench would report of a world, without noise.
+
+    light of the world (either engine) -> what happens to it before the detector -> counts by the
+    world's instrument -> dark, nonlinearity and stray light undone as described -> ratios
+
+The formulas are those of `twin.instrument` and `twin.measurement`, on expected values.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.effects.readout import Readout
+from twin.effects.world import (
+    BEAM_REFERENCE,
+    BLACK,
+    BLACK_REFERENCE,
+    COLLIMATED,
+    LIT,
+    UNDER_PANELS,
+    WHITE,
+    WHITE_REFERENCE,
+    Rates,
+    World,
+)
+from twin.errors import InputError
+from twin.instrument import (
+    Instrument,
+    MultispectralChip,
+    counts_of_electrons,
+    electrons_of_counts,
+)
+from twin.materials import lamp, reflectance
+from twin.spectra import FloatArray, Spectral
+
+PAIRS = ((BLACK, WHITE_REFERENCE), (WHITE, WHITE_REFERENCE), (COLLIMATED, BEAM_REFERENCE))
+FEWEST = 4
+"""Wavelengths that a cubic spline takes."""
+SIGMA_OF_WIDTH = 1.0 / np.sqrt(8.0 * np.log(2.0))
+
+
+def expected_intensities(
+    world: World,
+    light: FloatArray,
+    wavelength_nm: FloatArray,
+    readout: Readout | None = None,
+) -> FloatArray:
+    """Relative intensities that the described corrections report of a world's light.
+
+    Args:
+        world: the world.
+        light: noiseless relative intensities of the world's bench, shape (W, S, 3), from either
+            engine, at the labelled wavelengths.
+        wavelength_nm: labels of the wavelengths [nm], shape (W,), increasing; their mean stands
+            for that over all pixels where stray light wants it.
+        readout: brightness and exposures; None plans them.
+
+    Returns:
+        Black, white and collimated, shape (W, S, 3). Where nothing happens after the light, and
+        the white is the described one, it is the light itself, exactly.
+
+    Raises:
+        InputError: shapes that do not fit, or light that no detector can read.
+    """
+    wavelength = np.asarray(wavelength_nm, dtype=np.float64)
+    given = np.asarray(light, dtype=np.float64)
+    if given.shape != (wavelength.size, len(world.samples), 3):
+        raise InputError(
+            f"light of shape {given.shape}",
+            f"({wavelength.size}, {len(world.samples)}, 3): wavelengths, samples, captures",
+            place="light",
+        )
+    if not after_light(world):
+        return given.copy()
+    plan = readout or Readout.plan(world.described_bench, world.described_samples, wavelength)
+    rates = light_rates(world, given, wavelength, plan)
+    for step in world.steps:
+        rates = step(rates)
+    return _ratios(world, rates, plan)
+
+
+def after_light(world: World) -> bool:
+    """Whether anything differs from the description after the light leaves the sample."""
+    true, said = world.bench, world.described_bench
+    return bool(
+        world.steps
+        or world.offset_counts
+        or world.shift_nm
+        or world.shift_after_reference_nm
+        or true.instrument != said.instrument
+        or true.background.white.reflectance != said.background.white.reflectance
+    )
+
+
+def light_rates(world: World, light: FloatArray, wavelength: FloatArray, plan: Readout) -> Rates:
+    """Light of all captures on the pixels, wavelengths and widths of the world's instrument."""
+    true, said = world.bench, world.described_bench
+    whites = (true.background.white.reflectance, said.background.white.reflectance)
+    rho = reflectance(whites[0], wavelength)
+    described_rho = rho if whites[0] == whites[1] else reflectance(whites[1], wavelength)
+    black = reflectance(true.background.black.reflectance, wavelength)
+    sources = (true.panel_spectrum, true.beam.spectrum)
+    # what the lamp and its optics give, whatever white reflects it
+    lit = (plan.white / described_rho, plan.beam)
+    count = light.shape[1]
+    relative = {
+        WHITE_REFERENCE: np.tile(rho, (count, 1)),
+        BLACK_REFERENCE: np.tile(black, (count, 1)),
+        BEAM_REFERENCE: np.ones_like(plan.beam),
+        **dict(zip((BLACK, WHITE, COLLIMATED), light.transpose(2, 1, 0), strict=True)),
+    }
+    rows = np.empty((count, len(LIT), wavelength.size))
+    for capture, values in relative.items():
+        beam = int(capture not in UNDER_PANELS)
+        rows[:, capture] = _seen(
+            world, wavelength, lit[beam], sources[beam], values,
+            of_sample=capture in (BLACK, WHITE, COLLIMATED),
+        )  # fmt: skip
+    lamps = np.stack([lamp(source, wavelength) for source in sources])
+    return Rates(wavelength, rows, plan.exposure, rho, lamps)
+
+
+def _seen(
+    world: World,
+    wavelength: FloatArray,
+    lit: FloatArray,
+    source: Spectral,
+    relative: FloatArray,
+    *,
+    of_sample: bool,
+) -> FloatArray:
+    """Signal lit x relative, (S, W), where and as widely as the pixels really look.
+
+    The relative part follows a cubic spline and the lamp its own spectrum, which is known between
+    the wavelengths. A band that is wider by a variance v is the mean of two places at plus and
+    minus its root: exact to the second order, and the described width is in the light already.
+    """  # fmt: skip
+    shift = world.shift_nm + (world.shift_after_reference_nm if of_sample else 0.0)
+    wider = np.zeros(wavelength.size)
+    if _wider(world):
+        true, said = (_variance(each.instrument) for each in (world.bench, world.described_bench))
+        pixels = np.asarray(world.bench.instrument.wavelength_nm)
+        wider = np.interp(wavelength, pixels, true - said)
+    if shift == 0.0 and not np.any(wider):
+        return np.asarray(lit * relative)
+    if wavelength.size < FEWEST:
+        raise InputError(
+            f"{wavelength.size} wavelengths", f"{FEWEST} or more to follow a shift or a width",
+            place="wavelength_nm",
+        )  # fmt: skip
+    from scipy.interpolate import CubicSpline
+
+    spline = CubicSpline(wavelength, relative, axis=-1)
+    here = lamp(source, wavelength)
+
+    def at(place: FloatArray) -> FloatArray:
+        return np.asarray(lit * lamp(source, place) / here * spline(place))
+
+    middle = at(wavelength + shift)
+    if not np.any(wider):
+        return middle
+    away = np.sqrt(np.abs(wider))
+    beside = 0.5 * (at(wavelength + shift - away) + at(wavelength + shift + away))
+    return np.asarray(middle + np.sign(wider) * (beside - middle))
+
+
+def _wider(world: World) -> bool:
+    pair = (world.bench.instrument, world.described_bench.instrument)
+    return pair[0].fwhm_nm != pair[1].fwhm_nm and all(each.has("bandwidth") for each in pair)
+
+
+def _variance(instrument: Instrument) -> FloatArray:
+    return np.asarray((np.asarray(instrument.fwhm_nm) * SIGMA_OF_WIDTH) ** 2)
+
+
+def _ratios(world: World, rates: Rates, plan: Readout) -> FloatArray:
+    """Counts of the world's instrument, corrected as described, over their references."""
+    true, said = world.bench.instrument, world.described_bench.instrument
+    linear = np.empty_like(rates.light)
+    for capture in range(len(LIT)):
+        for sample, light in enumerate(rates.light[:, capture]):
+            seconds, gain = plan.integration_s[sample, capture], plan.gain[sample, capture]
+            own, described = _at(true, gain), _at(said, gain)
+            stray = own.stray_light_fraction if own.has("stray_light") else 0.0
+            warm = own.dark_current_electrons_per_s if own.has("dark_current") else 0.0
+            budget = (1.0 - stray) * light + stray * light.mean() + warm
+            counts = counts_of_electrons(own, budget * seconds) + world.offset_counts
+            dark = counts_of_electrons(own, warm * seconds)
+            charge = electrons_of_counts(described, counts) - electrons_of_counts(described, dark)
+            undone = described.stray_light_fraction if described.has("stray_light") else 0.0
+            linear[sample, capture] = (charge - undone * charge.mean()) / seconds
+    if not np.all(np.isfinite(linear)):
+        raise InputError(
+            "counts that no charge gives", "a curve of the detector that can be undone"
+        )
+    white = reflectance(world.described_bench.background.white.reflectance, rates.wavelength_nm)
+    scale = (white, white, np.ones_like(white))
+    columns = [
+        factor * linear[:, top] / linear[:, bottom]
+        for factor, (top, bottom) in zip(scale, PAIRS, strict=True)
+    ]
+    return np.asarray(np.stack(columns, axis=-1).transpose(1, 0, 2))
+
+
+def _at(instrument: Instrument, gain: float) -> Instrument:
+    if isinstance(instrument, MultispectralChip) and instrument.gain != gain:
+        return instrument.model_copy(update={"gain": float(gain)})
+    return instrument

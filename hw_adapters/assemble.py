@@ -71,6 +71,7 @@ def assembled(
             serial_numbers=tuple(info.serial for info in devices.devices if info.serial),
             software=_software(),
             scenario=devices.scenario,
+            noise=devices.noise,
             notes=(*_who(devices), *notes),
         ),
         truth=devices.truth,

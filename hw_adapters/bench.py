@@ -50,6 +50,8 @@ class DeviceBench:
         scenario: the resolved scenario of a virtual bench, as text.
         light_se: standard errors of the twin's light, shape (S, 3, P) of the pixels in range.
         truth: properties of simulated samples.
+        noise: whether the uncertainty of the counts follows from the description of the
+            instrument, or, where nobody described it, from the scatter of repeats.
     """
 
     sensor: Spectrometer | MultispectralSensor
@@ -68,6 +70,7 @@ class DeviceBench:
     scenario: str = ""
     light_se: FloatArray | None = None
     truth: Truth | None = None
+    noise: Literal["instrument", "repeats"] = "instrument"
 
     @property
     def devices(self) -> tuple[DeviceInfo, ...]:

@@ -62,7 +62,12 @@ def _usb() -> list[str]:
 
 def _ports() -> list[str]:
     tools: Any = load("serial.tools.list_ports", "background slider (serial)")
-    return [f"{each.device} ({each.description})" for each in tools.comports()]
+    # What hangs on a port is known only when it is opened, and opening resets some boards.
+    return [
+        f"perhaps on {each.device}"
+        + (f" ({each.description})" if each.description not in ("", "n/a") else "")
+        for each in tools.comports()
+    ]
 
 
 def _i2c() -> list[str]:

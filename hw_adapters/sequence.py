@@ -13,7 +13,13 @@ import numpy as np
 from hw_adapters.assemble import assembled
 from hw_adapters.bench import DeviceBench
 from hw_adapters.checks import visit_notes
-from hw_adapters.errors import DeviceError, Saturated, StaleFrame, WrongDevice
+from hw_adapters.errors import (
+    DeviceError,
+    RequestOutOfLimits,
+    Saturated,
+    StaleFrame,
+    WrongDevice,
+)
 from hw_adapters.exposure import Attempt, expose, is_saturated
 from hw_adapters.hands import Hands
 from hw_adapters.journal import Journal, Taken
@@ -34,6 +40,10 @@ Progress = Callable[[float, float], None]
 
 _START_S = 0.05
 _START_GAIN = 16.0
+_FIXED_EXPOSURE = (
+    "Dim the lamp or close the aperture, then go on with --resume; or begin a new visit with a"
+    ' shorter exposure, or exposure = "auto".'
+)
 
 
 class CaptureStopped(DeviceError):
@@ -50,7 +60,8 @@ class CaptureStopped(DeviceError):
         self, cause: DeviceError, step: str, taken: int, missing: tuple[str, ...], folder: Path
     ) -> None:
         self.cause, self.taken, self.missing, self.folder = cause, taken, missing, folder
-        kept = f"{taken} shots are kept in {folder}"
+        of = f" of {taken + len(missing)}" if missing else ""
+        kept = f"{taken}{of} shots are kept in {folder}"
         if missing:
             more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
             kept += f"; missing: {'; '.join(missing[:3])}{more}"
@@ -90,6 +101,7 @@ def capture_visit(
     Raises:
         CaptureStopped: a device failed; what was captured is kept.
         WrongDevice: another device than before or than the calibration is for.
+        RequestOutOfLimits: settings that the sensor cannot take; nothing was begun.
         InputError: a journal of another visit, or one where none was asked for.
     """
     runner = _Runner(devices, settings, Journal(folder), say or (lambda text: None))
@@ -129,7 +141,8 @@ class _Runner:
                 self._plan = self._plan or capture_plan(self._expose_all(), self._settings)
                 self._shoot(self._plan, progress)
         except DeviceError as error:
-            if isinstance(error, WrongDevice) and self._hands.stage == "start":
+            refused = isinstance(error, WrongDevice | RequestOutOfLimits)
+            if refused and self._hands.stage == "start":
                 raise
             missing = tuple(p.label for p in self._plan if p.number not in self._taken)
             self._journal.log("stopped", step=self._hands.stage, error=str(error))
@@ -279,6 +292,7 @@ class _Runner:
             raise Saturated(
                 self._devices.sensor.info.name,
                 f"{share:.0%} of the pixels saturated in {shot.label}",
+                remedy="" if self._settings.exposure == "auto" else _FIXED_EXPOSURE,
             )
         self._journal.keep(taken)
         return taken

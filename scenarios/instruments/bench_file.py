@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, get_args
 
 from pydantic import Field, model_validator
 
@@ -13,6 +13,9 @@ from twin.bench import Bench, Sample
 from twin.errors import InputError
 from twin.spectra import Part
 from twin.toml import load_toml
+
+CHIP_KEYS = ("gain", "atime", "astep")
+"""Keys of [plan] that only a chip has."""
 
 
 class DeviceEntry(Part):
@@ -64,6 +67,8 @@ class StageEntry(DeviceEntry):
 class BenchFile(Part):
     """One bench: devices, what they look at, and what is captured."""
 
+    kind: Seam | None = None
+    """Of every device whose own table does not say it: "virtual", "wire" or "real"."""
     scenario: str = "default"
     """Built-in scenario, or path of a file: bench, samples and wavelengths; of virtual and wire
     devices also the light."""
@@ -84,6 +89,19 @@ class BenchFile(Part):
     stage: StageEntry = StageEntry()
     plan: PlanSettings = PlanSettings()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _one_line(cls, data: Any) -> Any:
+        """`kind` of the file is that of its devices, so that one line changes the seam."""
+        if not isinstance(data, dict) or data.get("kind") not in get_args(Seam):
+            return data
+        filled = dict(data)
+        for name in ("sensor", "lights", "stage"):
+            entry = data.get(name, {})
+            if isinstance(entry, dict):
+                filled[name] = {"kind": data["kind"]} | entry
+        return filled
+
     @model_validator(mode="after")
     def _check(self) -> BenchFile:
         kinds = {self.sensor.kind, self.lights.kind, self.stage.kind}
@@ -96,6 +114,12 @@ class BenchFile(Part):
             raise ValueError(
                 f"found a sensor of kind {self.sensor.kind} without a model;"
                 ' expected model = "ocean" or "as7341"'
+            )
+        registers = [key for key in CHIP_KEYS if key in self.plan.model_fields_set]
+        if self.sensor.model == "ocean" and registers:
+            raise ValueError(
+                f"found {', '.join(registers)} in [plan] of a spectrometer; expected them for a"
+                " chip only: a spectrometer has `exposure`"
             )
         if self.is_real:
             if self.lights.model == "scpi" and not self.lights.address:

@@ -43,6 +43,14 @@ def capture(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the visit that was interrupted.")
     ] = False,
+    fault: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME:OPERATION:STAGE",
+            help="Let something go wrong, such as unplugging:usb650.frame:white, on virtual devices"
+            " and stand-ins.",
+        ),
+    ] = "",
     as_json: JsonOption = False,
     threads: ThreadsOption = None,
     quiet: QuietOption = False,
@@ -56,7 +64,7 @@ def capture(
     from scenarios.instruments.work import capture_answer
 
     return capture_answer(
-        bench, out=out, resume=resume, threads=threads, console=Console(quiet=quiet)
+        bench, out=out, resume=resume, fault=fault, threads=threads, console=Console(quiet=quiet)
     )
 
 
@@ -101,7 +109,7 @@ def monitor(
 ) -> dict[str, Any]:
     """Show the live spectrum in the terminal."""
     from scenarios.console import Console
-    from scenarios.instruments.work import monitor_answer
+    from scenarios.instruments.monitor import monitor_answer
 
     return monitor_answer(
         bench, light=light, background=background, integration_s=integration_s, frames=frames,

@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from scenarios.console import Console
     from scenarios.instruments.twin_fed import TwinLight
     from scenarios.scenario import Scenario
+    from twin.bench import Bench
 
 Ask = Callable[[str], None]
 
@@ -69,13 +70,31 @@ def open_bench(
     serial = file.sensor.serial or serial
     if file.is_real:
         with _real(file, scenario, ask, calibrated, serial) as devices:
+            _check(file, devices)
             yield OpenedBench(devices, None, file)
         return
     if light is None:
         light = light_of(file, scenario, console=console, threads=threads)
     state = light.state(faults=faults)
     with _twin(file, light, state, calibrated, serial) as devices:
+        _check(file, devices)
         yield OpenedBench(devices, state, file)
+
+
+def _check(file: BenchFile, devices: DeviceBench) -> None:
+    """Refuse other devices than the bench file names."""
+    from hw_adapters.errors import WrongDevice
+    from hw_adapters.visit import check_sensor
+
+    check_sensor(devices, devices.sensor.info)
+    for wanted, info in (
+        (file.lights.serial, devices.lights.info), (file.stage.serial, devices.stage.info),
+    ):  # fmt: skip
+        if wanted and info.serial != wanted:
+            raise WrongDevice(
+                info.name, f"the serial number {info.serial!r}",
+                f"{wanted!r}, which the bench file names",
+            )  # fmt: skip
 
 
 def scenario_of(file: BenchFile, folder: Path) -> Scenario:
@@ -178,7 +197,10 @@ def _real(
 ) -> Iterator[DeviceBench]:
     from hw_adapters import DeviceBench, ManualHolder, ManualLights, ManualStage, RealClock
 
-    samples = file.samples or scenario.samples
+    # The scenario's material is what virtual samples are made of; of real ones nobody knows it.
+    samples = file.samples or tuple(
+        sample.model_copy(update={"material": None}) for sample in scenario.samples
+    )
     clock = RealClock()
     with contextlib.ExitStack() as stack:
 
@@ -225,20 +247,47 @@ def _real(
             stage = kept(
                 open_slider(file.stage.address, places, serial=file.stage.serial, clock=clock)
             )
+        described, noise = _described(file, scenario, sensor.info.model)
         bench = DeviceBench(
             sensor=sensor,
             lights=lights,
             stage=stage,
             holder=ManualHolder(ask, tuple(sample.name for sample in samples)),
             clock=clock,
-            bench=file.bench or scenario.bench,
+            bench=described,
             samples=samples,
+            noise=noise,
             range_nm=file.range_nm,
             calibrated_nm=calibrated,
             serial=serial,
         )
         yield bench
         lights.off()
+
+
+def _described(
+    file: BenchFile, scenario: Scenario, model: str
+) -> tuple[Bench, Literal["instrument", "repeats"]]:
+    """The bench with an instrument of the sensor's kind, and where its noise is taken from.
+
+    The scenario's instrument is that of the twin: its noise and nonlinearity are not those of the
+    device. Only an instrument in the bench file itself describes it.
+    """
+    from twin.instrument import Instrument, MultispectralChip, Spectrometer
+
+    bench = file.bench or scenario.bench
+    if file.bench is not None and "instrument" in file.bench.model_fields_set:
+        return bench, "instrument"
+    kind = MultispectralChip if file.sensor.model == "as7341" else Spectrometer
+    instrument: Instrument = bench.instrument
+    if model == "USB650":
+        from hw_adapters.wire.usb650_layout import usb650_instrument
+
+        instrument = usb650_instrument()
+    elif not isinstance(instrument, kind):
+        instrument = kind()
+    instrument = instrument.model_copy(update={"averages": file.plan.averages})
+    return bench.model_copy(update={"instrument": instrument}), "repeats"
 
 
 def _calibration(file: BenchFile, folder: Path) -> tuple[FloatArray | None, str]:

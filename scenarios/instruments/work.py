@@ -1,8 +1,10 @@
-"""What `benchtwin devices`, `capture`, `calibrate` and `monitor` do."""
+"""What `benchtwin devices`, `capture` and `calibrate` do."""
 
 from __future__ import annotations
 
-import sys
+import contextlib
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +12,8 @@ import numpy as np
 
 from scenarios.console import Console
 from scenarios.instruments.bench_file import BenchFile, load_bench_file
-from scenarios.instruments.opening import OpenedBench, open_bench
+from scenarios.instruments.opening import OpenedBench
+from scenarios.instruments.session import ask_person, not_resumed, opened_bench
 from scenarios.outputs import canonical_json, prepare_folder
 from twin.errors import InputError
 from twin.files import write_atomically
@@ -20,22 +23,7 @@ if TYPE_CHECKING:
     from hw_adapters import Calibration, DeviceBench
     from twin.measurement import Measurement
 
-BARS = " ▁▂▃▄▅▆▇█"
 JOURNAL = "journal"
-
-
-def ask_person(text: str) -> None:
-    """Show a sentence and wait for Enter.
-
-    Raises:
-        InputError: nobody is there to press it.
-    """
-    print(f"{text} Then press Enter.", file=sys.stderr, flush=True)
-    if not sys.stdin.readline():
-        raise InputError(
-            "nobody at the keyboard", "a person who does what is asked",
-            remedy="Run the command in a terminal, or use a device that moves by itself.",
-        )  # fmt: skip
 
 
 def devices_answer(bench: Path | None, console: Console) -> dict[str, Any]:
@@ -48,10 +36,11 @@ def devices_answer(bench: Path | None, console: Console) -> dict[str, Any]:
 
     if bench is not None:
         file = load_bench_file(bench)
-        with _opened(file, bench, console) as opened:
+        with not_resumed(), opened_bench(file, bench, console) as opened:
             infos = opened.devices.devices
             return {
                 "bench": str(bench),
+                "sensor": _sensor_facts(opened.devices),
                 "devices": [
                     {
                         "kind": info.kind, "model": info.model, "serial": info.serial,
@@ -64,7 +53,11 @@ def devices_answer(bench: Path | None, console: Console) -> dict[str, Any]:
     return {
         "connected": [f"{each.device}: {name}" for each in found for name in each.connected]
         or ["no device was found"],
-        "could_be": [f"{each.device} through {each.library}" for each in found if each.library]
+        "could_be": [
+            f"{each.device}: its driver {each.library} is installed"
+            for each in found
+            if each.library
+        ]
         + [
             "virtual devices and stand-ins on the wire: nothing to connect",
             "a person who moves backgrounds, samples and lamps: nothing to install",
@@ -73,10 +66,36 @@ def devices_answer(bench: Path | None, console: Console) -> dict[str, Any]:
     }
 
 
+def _sensor_facts(devices: DeviceBench) -> dict[str, Any]:
+    """What the sensor sees, and what can be asked of it."""
+    wavelength, limits = devices.sensor.wavelength_nm, devices.sensor.limits
+    facts: dict[str, Any] = {
+        "wavelengths": f"{wavelength.size} from {wavelength[0]:.1f} to {wavelength[-1]:.1f} nm",
+        "integration": f"{limits.shortest_s:g} to {limits.longest_s:g} s",
+    }
+    if limits.gains:
+        facts["gains"] = list(limits.gains)
+    return facts
+
+
 def capture_answer(
-    bench: Path, *, out: Path | None, resume: bool, threads: int | None, console: Console
+    bench: Path,
+    *,
+    out: Path | None,
+    resume: bool,
+    fault: str = "",
+    threads: int | None,
+    console: Console,
 ) -> dict[str, Any]:
     """Capture a visit and write measurement.nc; the journal beside it keeps every shot.
+
+    Args:
+        bench: the bench file.
+        out: folder of the measurement and its journal.
+        resume: go on with the journal that is there.
+        fault: what is to go wrong on virtual and wire devices, "NAME:OPERATION:STAGE"; "" nothing.
+        threads: threads of the Monte Carlo.
+        console: told what happens.
 
     Raises:
         InputError: bench file, folder or devices cannot be used.
@@ -92,8 +111,12 @@ def capture_answer(
             "a visit that was begun", "an empty folder", file=journal,
             remedy="Go on with it by --resume, or name another folder with --out.",
         )  # fmt: skip
-    with _opened(file, bench, console, threads) as opened:
+    with (
+        _faults(file, fault, journal, console) as faults,
+        opened_bench(file, bench, console, threads, faults) as opened,
+    ):
         measurement = _captured(opened, file, journal, resume, console)
+    measurement = _with_faults(measurement, journal)
     path = write_measurement(measurement, folder / "measurement.nc")
     captures = measurement.captures
     return {
@@ -104,6 +127,47 @@ def capture_answer(
         "notes": list(measurement.provenance.notes),
         "fingerprint": measurement.fingerprint,
     }
+
+
+@contextlib.contextmanager
+def _faults(file: BenchFile, fault: str, journal: Path, console: Console) -> Iterator[Any]:
+    """A fault to be acted out, and its line in the journal when it was."""
+    from hw_adapters import Faults, Journal
+
+    if not fault:
+        yield None
+        return
+    if file.is_real:
+        raise InputError(
+            f"the fault {fault!r} for real devices", "virtual devices or stand-ins on the wire",
+            place="--fault",
+        )  # fmt: skip
+    name, operation, stage = (*fault.split(":", 2), "", "")[:3]
+    faults = Faults()
+    faults.arm(name, operation=operation or "*", stage=stage or "*")
+    try:
+        yield faults
+    finally:
+        for done in faults.log:
+            Journal(journal).log("fault", name=done[0], operation=done[1], stage=done[2])
+        if not faults.log:
+            console.say(f"the fault {fault} was not acted out: nothing asked for it at that stage")
+
+
+def _with_faults(measurement: Measurement, journal: Path) -> Measurement:
+    """The measurement with a note for every fault that altered its light."""
+    from hw_adapters import Journal
+    from hw_adapters.faults import BENCH_FAULTS
+
+    notes = [
+        f"acted out on purpose: {event['name']} from {event['stage']} on"
+        for event in Journal(journal).events("fault")
+        if event["name"] in BENCH_FAULTS
+    ]
+    if not notes:
+        return measurement
+    was = measurement.provenance
+    return replace(measurement, provenance=was.model_copy(update={"notes": (*was.notes, *notes)}))
 
 
 def _captured(
@@ -131,7 +195,7 @@ def calibrate_answer(
     file = file.model_copy(update={"calibration": ""})
     folder = prepare_folder(out or bench.parent)
 
-    with _opened(file, bench, console, threads) as opened:
+    with not_resumed(), opened_bench(file, bench, console, threads) as opened:
 
         def hold(there: bool) -> None:
             _hold_lamp(opened, lamp, there)
@@ -197,73 +261,3 @@ def _spectra(found: Calibration) -> dict[str, Any]:
         if found.lines is None
         else {"true_nm": found.lines.true_nm, "seen_nm": found.lines.seen_nm},
     }
-
-
-def monitor_answer(
-    bench: Path,
-    *,
-    light: str,
-    background: str,
-    integration_s: float | None,
-    frames: int | None,
-    width: int,
-    threads: int | None,
-    console: Console,
-) -> dict[str, Any]:
-    """Show the live spectrum on standard error until Ctrl-C, or for a number of frames.
-
-    Raises:
-        InputError: bench file or devices cannot be used, or a light or background that is none.
-    """
-    file = load_bench_file(bench)
-    shown, last = 0, None
-    with _opened(file, bench, console, threads) as opened:
-        devices, sensor = opened.devices, opened.devices.sensor
-        devices.holder.place(devices.samples[0].name, False)
-        devices.stage.move_to(background)
-        if light != "none":
-            devices.lights.set(light, 1.0)
-        devices.clock.sleep(devices.lights.settle_s)
-        _configure(devices, file, integration_s)
-        sensor.discard()
-        try:
-            while frames is None or shown < frames:
-                last = sensor.capture()
-                shown += 1
-                console.say(
-                    f"{spectrum_line(last.counts, last.full_scale, width)} peak"
-                    f" {last.counts.max():.0f} of {last.full_scale}"
-                    + (", SATURATED" if last.saturated.any() else "")
-                )
-        except KeyboardInterrupt:
-            console.say("stopped")
-    return {
-        "frames": shown,
-        "sensor": sensor.info.name,
-        "peak_counts": None if last is None else float(last.counts.max()),
-        "peak_nm": None if last is None else float(sensor.wavelength_nm[last.counts.argmax()]),
-    }
-
-
-def _configure(devices: DeviceBench, file: BenchFile, integration_s: float | None) -> None:
-    from hw_adapters import MultispectralSensor
-
-    sensor, plan = devices.sensor, file.plan
-    if isinstance(sensor, MultispectralSensor):
-        sensor.configure(plan.gain or 16.0, plan.atime, plan.astep)
-    else:
-        sensor.configure(
-            max(0.1, sensor.limits.shortest_s) if integration_s is None else integration_s
-        )
-
-
-def spectrum_line(counts: FloatArray, full_scale: int, width: int) -> str:
-    """A spectrum as one line of bars: the brightest pixel of each of at most `width` parts."""
-    parts = np.array_split(counts, min(width, counts.size))
-    heights = [float(part.max()) / full_scale for part in parts]
-    top = len(BARS) - 1
-    return "".join(BARS[min(top, max(0, int(np.ceil(height * top))))] for height in heights)
-
-
-def _opened(file: BenchFile, bench: Path, console: Console, threads: int | None = None) -> Any:
-    return open_bench(file, folder=bench.parent, console=console, ask=ask_person, threads=threads)

@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 
 from scenarios.cli import guarded
 from scenarios.instruments.command import register
-from scenarios.instruments.work import spectrum_line
+from scenarios.instruments.monitor import axis_line, spectrum_line
 from tests.scenarios.tiny import tiny, write
 from twin.measurement import read_measurement, relative_intensities
 
@@ -81,6 +81,9 @@ def test_an_interrupted_capture_goes_on(tmp_path: Path) -> None:
         ({"calibration": "absent.json"}, "Make it with benchtwin calibrate"),
         ({"sensor": {"kind": "virtual", "serial": "99"}}, "'99', which the bench file names"),
         ({"plan": {"exposure": 1e-6}}, "1e-06 s"),
+        ({"plan": {"gain": 4.0}}, "a gain of 4; expected no gain at all"),
+        ({"kind": "wire", "sensor": {"model": "ocean"}, "plan": {"astep": 9}}, "for a chip only"),
+        ({"kind": "wierd"}, "'wierd'"),
         ({"plan": {"order": ["black", "black"]}}, "each once"),
     ],
 )
@@ -174,6 +177,9 @@ def test_monitor_shows_the_spectrum(tmp_path: Path) -> None:
 
 
 def test_the_line_of_a_spectrum() -> None:
-    line = spectrum_line(np.array([0.0, 10.0, 50.0, 100.0]), 100, 4)
-    assert line == " ▁▄█"
+    counts = np.array([0.0, 10.0, 50.0, 100.0])
+    assert spectrum_line(counts, 100, 4) == " ▁▄█"
+    assert spectrum_line(counts, 100, 16) == "    ▁▁▁ ▄▄▄ ███"
+    assert axis_line(np.array([415.0, 445.0, 480.0, 515.0]), 16) == "415 445 480 515 nm"
+    assert axis_line(np.linspace(350, 1000, 72), 72) == "350" + " " * 62 + "1000 nm"
     assert len(spectrum_line(np.arange(2048.0), 4095, 72)) == 72

@@ -279,6 +279,29 @@ def test_control_without_the_shared_terms_must_fail(
     assert _largest_z(values, covariance * np.eye(6)) > 10
 
 
+def test_what_wavelengths_share_is_that_of_simulated_visits(
+    simulated: tuple[np.ndarray, np.ndarray],
+) -> None:
+    values, covariance = simulated
+    shape = np.array([0.3, 1.0, 0.6])
+    rates = np.array([RATES[shot.capture] * shape + 300 for shot in SHOTS])
+    counts = 2396 + rates * 0.1 / NOISY.electrons_per_count
+    table = [(shot, list(row)) for shot, row in zip(SHOTS, counts, strict=True)]
+    common = relative_intensities(visit(table, instrument=NOISY)).common
+    assert common is not None
+    blind = []
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        off = values - values.mean(axis=0)
+        found = off[:, :, one].T @ off[:, :, other] / (VISITS - 1)
+        expected = np.einsum("ki,kj->ij", common[:, one], common[:, other])
+        own = [np.diag(covariance[pixel]) for pixel in (one, other)]
+        error = np.sqrt((np.outer(*own) + expected**2) / (VISITS - 1))
+        assert np.max(np.abs(found - expected) / error) < 4.5
+        blind.append(np.max(np.abs(found) / error))
+    # The control: wavelengths that share nothing.
+    assert max(blind) > 6
+
+
 def test_control_without_the_lamp_must_fail(simulated: tuple[np.ndarray, np.ndarray]) -> None:
     values, _ = simulated
     steady = NOISY.model_copy(update={"off": ("nonuniformity", "lamp_drift")})

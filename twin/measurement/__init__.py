@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from twin.measurement.folder import read_folder
+from twin.measurement.jcamp import JcampSettings, read_jcamp
 from twin.measurement.model import (
     CAPTURES,
     REFERENCE_CAPTURES,
@@ -18,6 +19,7 @@ from twin.measurement.model import (
     Truth,
 )
 from twin.measurement.netcdf import read_netcdf, write_measurement
+from twin.measurement.observations import Observations, observations
 from twin.measurement.oceanview import OceanViewSettings, read_oceanview
 from twin.measurement.relative import (
     BlackReflectance,
@@ -28,6 +30,7 @@ from twin.measurement.relative import (
 )
 from twin.measurement.rxt import SphereVisit, read_rxt
 from twin.measurement.seen import seen_truth
+from twin.measurement.written import write_folder
 
 
 def read_measurement(path: str | Path) -> Measurement:
@@ -45,7 +48,9 @@ __all__ = [
     "SAMPLE_CAPTURES",
     "BlackReflectance",
     "Captures",
+    "JcampSettings",
     "Measurement",
+    "Observations",
     "OceanViewSettings",
     "Provenance",
     "RelativeIntensities",
@@ -56,12 +61,15 @@ __all__ = [
     "Truth",
     "certified_white",
     "measured_black_reflectance",
+    "observations",
     "read_folder",
+    "read_jcamp",
     "read_measurement",
     "read_netcdf",
     "read_oceanview",
     "read_rxt",
     "relative_intensities",
     "seen_truth",
+    "write_folder",
     "write_measurement",
 ]

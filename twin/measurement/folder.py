@@ -3,14 +3,17 @@
     bench.toml      the bench; may be missing, every key has a default
     samples.csv     the samples
     captures.csv    raw counts, one row per shot and wavelength;  or
-    relative.csv    relative intensities, one row per spectrum and wavelength
+    relative.csv    relative intensities, one row per spectrum and wavelength;  or
+    files.toml      how the names of exported spectra (OceanView, JCAMP-DX) beside it are made
 
-Every column, its unit and its default: docs/measurement.md.
+A folder that `write_folder` wrote also has origin.toml, and truth.csv and light_se.csv of a
+simulated visit; in place of samples.csv there may be samples.toml. Every column, its unit and its
+default: docs/measurement.md.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,7 @@ import numpy as np
 from twin.bench import Bench, Sample
 from twin.errors import InputError
 from twin.instrument import MultispectralChip, Spectrometer, saturation_counts
+from twin.measurement.file_names import FILE
 from twin.measurement.model import (
     CAPTURES,
     SAMPLE_CAPTURES,
@@ -31,10 +35,18 @@ from twin.measurement.model import (
     check_shot,
     label,
 )
+from twin.measurement.named_files import read_named_files
 from twin.measurement.relative import relative_intensities
 from twin.measurement.table import Column, Row, read_table
+from twin.measurement.written import (
+    SAMPLES_TOML,
+    SamplesFile,
+    read_light_se,
+    read_truth,
+    with_origin,
+)
 from twin.spectra import FloatArray
-from twin.toml import near_misses, parse_table, read_text, validate
+from twin.toml import load_toml, near_misses, parse_table, read_text, validate
 
 SAMPLE_COLUMNS = (
     Column("name", "text", required=True),
@@ -47,7 +59,7 @@ CAPTURE_COLUMNS = (
     Column("sample", "text", default=""),
     Column("repeat", "whole", default=0),
     Column("wavelength_nm", "number", required=True),
-    Column("counts", "number", required=True),
+    Column("counts", "reading", required=True),
     Column("integration_s", "number", required=True),
     Column("averages", "whole", default=1),
     Column("gain", "number", default=None),
@@ -59,13 +71,14 @@ RELATIVE_COLUMNS = (
     Column("sample", "text", required=True),
     Column("repeat", "whole", default=0),
     Column("wavelength_nm", "number", required=True),
-    Column("value", "number", required=True),
+    Column("value", "reading", required=True),
     Column("sigma", "number", default=None),
 )
 PER_CENT = 5.0
 """No relative intensity comes near this: a spectrum whose median does is in per cent."""
 
-_FILES = ("bench.toml", "samples.csv", "captures.csv", "relative.csv")
+_DATA = ("captures.csv", "relative.csv", FILE)
+_FILES = ("bench.toml", "samples.csv", SAMPLES_TOML, *_DATA)
 
 
 def read_folder(path: str | Path) -> Measurement:
@@ -78,28 +91,33 @@ def read_folder(path: str | Path) -> Measurement:
     if not folder.is_dir():
         raise InputError("no such folder", "a folder", file=folder)
     bench, described = _bench(folder)
-    samples, lines = _samples(folder)
-    data, other = folder / "captures.csv", folder / "relative.csv"
-    if data.exists() and other.exists():
+    path, samples, places = _samples(folder)
+    there = [folder / name for name in _DATA if (folder / name).exists()]
+    if len(there) > 1:
         raise InputError(
-            "captures.csv and relative.csv", "one of them", file=folder, remedy="Remove the other."
-        )
-    if not data.exists() and not other.exists():
-        raise _missing(folder, "captures.csv", "captures.csv or relative.csv")
-    chosen = data if data.exists() else other
+            " and ".join(each.name for each in there), "one of them", file=folder,
+            remedy="Remove the other.",
+        )  # fmt: skip
+    if not there:
+        raise _missing(folder, "captures.csv", f"captures.csv, relative.csv or {FILE}")
+    chosen = there[0]
     known = [sample.name for sample in samples]
     captures, relative = None, None
     notes: list[str] = []
     try:
-        if chosen is data:
+        if chosen.name == FILE:
+            captures, notes = read_named_files(folder, known, bench, described=described)
+        elif chosen.name == "captures.csv":
             captures, notes = _captures(chosen, known, bench)
         else:
             relative = _relative(chosen, known)
         spectra = captures if captures is not None else relative
         wavelength = spectra.wavelength_nm if spectra is not None else np.empty(0)
         bench = _with_grid(bench, described, wavelength, chosen.name)
-        _check_library_names(samples, lines, wavelength, folder / "samples.csv")
+        _check_library_names(samples, places, wavelength, path)
         _check_spectra(bench, folder / "bench.toml")
+        if captures is not None:
+            captures = replace(captures, light_se=read_light_se(folder, known, wavelength))
         measurement = Measurement(
             bench=bench,
             samples=samples,
@@ -110,7 +128,9 @@ def read_folder(path: str | Path) -> Measurement:
                 noise="instrument" if described else "repeats",
                 notes=tuple(notes),
             ),
+            truth=read_truth(folder, known),
         )
+        measurement = with_origin(folder, measurement)
         relative_intensities(measurement)
     except InputError as error:
         if error.file:
@@ -141,12 +161,21 @@ def _bench(folder: Path) -> tuple[Bench, bool]:
     return validate(table, Bench, file=path), "instrument" in table
 
 
-def _samples(folder: Path) -> tuple[tuple[Sample, ...], list[int]]:
-    path = folder / "samples.csv"
+def _samples(folder: Path) -> tuple[Path, tuple[Sample, ...], list[str]]:
+    """The file of the samples, the samples, and the place of each in messages."""
+    path, full = folder / "samples.csv", folder / SAMPLES_TOML
+    if path.exists() and full.exists():
+        raise InputError(
+            f"{path.name} and {full.name}", "one of them", file=folder, remedy="Remove the other."
+        )
+    if full.exists():
+        found = load_toml(full, SamplesFile).samples
+        _each_once([sample.name for sample in found], full)
+        return full, found, [f"samples[{index}]." for index in range(len(found))]
     if not path.exists():
         raise _missing(folder, "samples.csv", "a table with name and thickness_mm")
     samples: dict[str, Sample] = {}
-    lines: list[int] = []
+    places: list[str] = []
     for row in read_table(path, SAMPLE_COLUMNS):
         place = f"line {row.line}, column "
         given: dict[str, Any] = {k: v for k, v in row.values.items() if v is not None}
@@ -166,8 +195,18 @@ def _samples(folder: Path) -> tuple[tuple[Sample, ...], list[int]]:
             samples[name] = validate(given, Sample)
         except InputError as error:
             raise error.at(path, f"line {row.line}, column {error.place}") from error
-        lines.append(row.line)
-    return tuple(samples.values()), lines
+        places.append(place)
+    return path, tuple(samples.values()), places
+
+
+def _each_once(names: list[str], path: Path) -> None:
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            raise InputError(
+                f"{name!r} twice", "every name once", file=path, place=f"samples[{index}].name"
+            )
+    if not names:
+        raise InputError("no sample", "one or more", file=path, place="samples")
 
 
 def _index(text: str, path: Path, place: str) -> float | str:
@@ -189,21 +228,21 @@ def _index(text: str, path: Path, place: str) -> float | str:
 
 
 def _check_library_names(
-    samples: tuple[Sample, ...], lines: list[int], wavelength_nm: FloatArray, path: Path
+    samples: tuple[Sample, ...], places: list[str], wavelength_nm: FloatArray, path: Path
 ) -> None:
     from twin.materials import material, refractive_index
 
-    for sample, line in zip(samples, lines, strict=True):
+    for sample, place in zip(samples, places, strict=True):
         if isinstance(sample.material, str):
             try:
                 material(sample.material)
             except InputError as error:
-                raise error.at(path, f"line {line}, column material") from error
+                raise error.at(path, f"{place}material") from error
         if isinstance(sample.n, str):
             try:
                 refractive_index(sample.n, wavelength_nm)
             except InputError as error:
-                raise error.at(path, f"line {line}, column n") from error
+                raise error.at(path, f"{place}n") from error
 
 
 def _check_spectra(bench: Bench, path: Path) -> None:

@@ -9,7 +9,14 @@ import numpy as np
 from twin.bench import Bench
 from twin.errors import InputError
 from twin.instrument import MultispectralChip, Spectrometer, count_variance, electrons_of_counts
-from twin.measurement.model import BoolArray, Captures, Measurement, Shot, label
+from twin.measurement.model import (
+    SAMPLE_CAPTURES,
+    BoolArray,
+    Captures,
+    Measurement,
+    Shot,
+    label,
+)
 from twin.spectra import FloatArray
 
 PANEL_CAPTURES = ("white_reference", "black_reference", "black", "white")
@@ -68,11 +75,18 @@ class Group:
         return label(self.capture, self.sample)
 
 
-def groups_of(captures: Captures) -> tuple[Group, ...]:
-    """The shots by capture, sample and exposure, in the order of their first shot."""
-    members: dict[tuple[str, str, float, float], list[int]] = {}
+def groups_of(captures: Captures, *, apart: bool = False) -> tuple[Group, ...]:
+    """The shots by capture, sample and exposure, in the order of their first shot.
+
+    Args:
+        captures: raw counts.
+        apart: keep the repeats of a sample's captures apart; those of references and darks are
+            one group all the same.
+    """
+    members: dict[tuple[str, str, float, float, int], list[int]] = {}
     for index, shot in enumerate(captures.shots):
-        key = (shot.capture, shot.sample, shot.integration_s, shot.gain)
+        repeat = shot.repeat if apart and shot.capture in SAMPLE_CAPTURES else -1
+        key = (shot.capture, shot.sample, shot.integration_s, shot.gain, repeat)
         members.setdefault(key, []).append(index)
     groups = []
     for indices in members.values():

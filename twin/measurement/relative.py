@@ -12,6 +12,7 @@ exposures are divided by integration time times gain first.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +53,9 @@ class RelativeIntensities:
         valid: False where masked, shape (S, 3, W).
         reasons: what was masked, how much, and what was assumed.
         repeats: the smallest number of repeats of a capture.
+        common: the part of the covariance that all wavelengths share, as modes: what one standard
+            deviation of each (the lamps' level and tilt) does to the values, shape (K, W, 3S), 0
+            where not valid. None: not known; `covariance` holds it all the same.
     """
 
     sample_names: tuple[str, ...]
@@ -62,6 +66,7 @@ class RelativeIntensities:
     valid: BoolArray
     reasons: tuple[str, ...]
     repeats: int
+    common: FloatArray | None = None
 
     @property
     def sigma(self) -> FloatArray:
@@ -112,9 +117,9 @@ def relative_intensities(
     """
     if measurement.relative is not None:
         value, covariance, reasons, repeats = _ready_made(measurement, measurement.relative)
-        valid = np.isfinite(value)
+        valid, common = np.isfinite(value), None
     else:
-        visit = _Visit(measurement, linearise)
+        visit = Visit(measurement, linearise)
         white = certified_white(measurement)
         pairs, scales = [], []
         for sample in measurement.samples:
@@ -123,16 +128,19 @@ def relative_intensities(
                 kind = "beam_reference" if capture == "collimated" else "white_reference"
                 pairs.append((signal, visit.reference(kind, signal, sample.name)))
                 scales.append(np.ones_like(white) if capture == "collimated" else white)
-        value, covariance, valid, reasons = visit.ratios(pairs, np.stack(scales))
+        value, covariance, valid, reasons, common = visit.ratios(pairs, np.stack(scales))
         light_se = measurement.captures.light_se if measurement.captures is not None else None
         if light_se is not None:
             index = np.arange(len(pairs))
             own = light_se.reshape(len(pairs), -1).T
             covariance[:, index, index] += own**2
         repeats = min(len(visit.groups[signal].shots) for signal, _ in pairs)
-    wrong, sentences = _impossible(measurement, value, covariance)
+    captures = [label(kind, own.name) for own in measurement.samples for kind in SAMPLE_CAPTURES]
+    wrong, sentences = values_no_sample_has(captures, value, covariance)
     value, valid, reasons = np.where(wrong, np.nan, value), valid & ~wrong, (*reasons, *sentences)
     covariance[wrong.T[:, :, None] | wrong.T[:, None, :]] = np.nan
+    if common is not None:
+        common = np.where(wrong.T, 0.0, common)
     shape = (len(measurement.samples), len(SAMPLE_CAPTURES), measurement.wavelength_nm.size)
     return RelativeIntensities(
         sample_names=tuple(sample.name for sample in measurement.samples),
@@ -143,6 +151,7 @@ def relative_intensities(
         valid=valid.reshape(shape),
         reasons=(*measurement.provenance.notes, *reasons),
         repeats=repeats,
+        common=common,
     )
 
 
@@ -159,7 +168,7 @@ def measured_black_reflectance(
     """
     if measurement.captures is None:
         return None
-    visit = _Visit(measurement, linearise)
+    visit = Visit(measurement, linearise)
     blacks = [i for i, group in enumerate(visit.groups) if group.capture == "black_reference"]
     if not blacks:
         return None
@@ -168,7 +177,7 @@ def measured_black_reflectance(
         for black in blacks
     ]
     white = certified_white(measurement)
-    value, covariance, valid, reasons = visit.ratios(pairs, np.stack([white] * len(pairs)))
+    value, covariance, valid, reasons, _ = visit.ratios(pairs, np.stack([white] * len(pairs)))
     every = np.asarray(valid.all(axis=0))
     return BlackReflectance(
         wavelength_nm=measurement.wavelength_nm,
@@ -206,15 +215,17 @@ def certified_white(measurement: Measurement) -> FloatArray:
         return result
 
 
-class _Visit:
+class Visit:
     """The groups of a visit with the dark of each, and the noise of their means."""
 
-    def __init__(self, measurement: Measurement, linearise: bool | None) -> None:
+    def __init__(
+        self, measurement: Measurement, linearise: bool | None, *, apart: bool = False
+    ) -> None:
         captures = measurement.captures
         if captures is None:
             raise InputError("relative intensities", "counts", place="captures")
         self.wavelengths = captures.wavelength_nm.size
-        self.groups = groups_of(captures)
+        self.groups = groups_of(captures, apart=apart)
         for group in self.groups:
             _usable(group)
         borrowed: set[str] = set()
@@ -245,6 +256,30 @@ class _Visit:
                 "one integration time and gain for all repeats",
             )
         return found[0]
+
+    @property
+    def most_repeats(self) -> int:
+        """One more than the largest number of a repeat of a sample's capture."""
+        own = (group for group in self.groups if group.capture in SAMPLE_CAPTURES)
+        return 1 + max((group.shots[0].repeat for group in own), default=-1)
+
+    def repeat_of(self, capture: str, sample: str, repeat: int) -> int | None:
+        """The group of one repeat of a sample's capture, where repeats are kept apart.
+
+        Raises:
+            InputError: there is no repeat at all, or the same one at several exposures.
+        """
+        own = [i for i, g in enumerate(self.groups) if (g.capture, g.sample) == (capture, sample)]
+        if not own:
+            self.capture_of(capture, sample)
+        found = [i for i in own if self.groups[i].shots[0].repeat == repeat]
+        if len(found) > 1:
+            times = ", ".join(f"{self.groups[i].integration_s:g} s" for i in found)
+            raise InputError(
+                f"{label(capture, sample)} at several exposures ({times})",
+                "one integration time and gain for all repeats",
+            )
+        return found[0] if found else None
 
     def reference(self, kind: str, signal: int, sample: str) -> int:
         """The reference for a group: the sample's own, else the visit's; of the nearest exposure.
@@ -292,11 +327,12 @@ class _Visit:
 
     def ratios(
         self, pairs: list[tuple[int, int]], scale: FloatArray
-    ) -> tuple[FloatArray, FloatArray, BoolArray, tuple[str, ...]]:
+    ) -> tuple[FloatArray, FloatArray, BoolArray, tuple[str, ...], FloatArray]:
         """Values scale * (S - D) / (W - D) of M pairs of groups, shape (M, W).
 
         Returns:
-            Values (M, W), covariance (W, M, M), valid (M, W), reasons.
+            Values (M, W), covariance (W, M, M), valid (M, W), reasons, modes that all
+            wavelengths share (K, W, M).
         """
         groups, noise = self.groups, self.noise
         size = len(pairs)
@@ -335,14 +371,16 @@ class _Visit:
                 jacobian[:, row, part] += derivative  # a dark may serve both
         if not valid.any():
             raise InputError("no usable pixel", "one or more", place="captures")
-        covariance = self._propagate(jacobian)
+        covariance, common = self._propagate(jacobian)
         hidden = ~valid.T
         covariance[hidden[:, :, None] | hidden[:, None, :]] = np.nan
         total = self.wavelengths
         counted = [f"{count} of {total} pixels masked: {key}" for key, count in masked.items()]
-        return value, covariance, valid, (*self.reasons, *counted)
+        common = np.where(hidden, 0.0, common)
+        return value, covariance, valid, (*self.reasons, *counted), common
 
-    def _propagate(self, jacobian: FloatArray) -> FloatArray:
+    def _propagate(self, jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Covariance (W, M, M) and the modes of it that all wavelengths share (K, W, M)."""
         noise = self.noise
         variance = np.where(np.isfinite(noise.variance), noise.variance, 0.0).T
         covariance = (jacobian * variance[:, None, :]) @ jacobian.transpose(0, 2, 1)
@@ -351,13 +389,23 @@ class _Visit:
         moved = jacobian * light.T[:, None, :]
         lamp = noise.lamp_level + noise.tilt[:, None, None] ** 2 * noise.lamp_tilt
         covariance += moved @ lamp @ moved.transpose(0, 2, 1)
-        return np.asarray(0.5 * (covariance + covariance.transpose(0, 2, 1)))
+        level = np.moveaxis(moved @ _modes(noise.lamp_level), -1, 0)
+        tilt = np.moveaxis(moved @ _modes(noise.lamp_tilt), -1, 0) * noise.tilt[:, None]
+        common = np.concatenate([level, tilt])
+        return np.asarray(0.5 * (covariance + covariance.transpose(0, 2, 1))), common
 
     def _count(self, masked: dict[str, int], part: int) -> None:
         group = self.groups[part]
         for bad, why in ((group.saturated, "saturated"), (~group.finite, "not a number")):
             if bad.any():
                 masked[f"{group} {why}"] = int(bad.sum())
+
+
+def _modes(covariance: FloatArray) -> FloatArray:
+    """Columns whose outer products add up to a covariance (G, G), shape (G, K), K up to G."""
+    value, vector = np.linalg.eigh(covariance)
+    kept = value > 1e-12 * max(float(value.max()), 0.0)
+    return np.asarray(vector[:, kept] * np.sqrt(value[kept]))
 
 
 def _setting(group: Group) -> str:
@@ -423,7 +471,7 @@ def _ready_made(
             variance = np.sum(sigma**2, axis=0) / len(chosen) ** 2
             unknown = np.isnan(variance) & ~np.isnan(mean)
             if unknown.any():
-                scatter = _pooled_scatter(value, name)
+                scatter = pooled_scatter(value, name)
                 variance = np.where(unknown, scatter / len(chosen), variance)
                 reasons.append(f"sigma of {name} from the scatter of {len(chosen)} repeats")
             values.append(mean)
@@ -438,15 +486,14 @@ def _ready_made(
     return np.stack(values), covariance, tuple(reasons), min(repeats)
 
 
-def _impossible(
-    measurement: Measurement, value: FloatArray, covariance: FloatArray
+def values_no_sample_has(
+    captures: Sequence[str], value: FloatArray, covariance: FloatArray
 ) -> tuple[BoolArray, tuple[str, ...]]:
     """Values (M, W) that no sample has, whatever the noise, and a sentence for each spectrum."""
     low, high = POSSIBLE
     noise = BEYOND * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
     with np.errstate(invalid="ignore"):
         wrong = np.asarray((value < low - noise) | (value > high + noise))
-    captures = [label(kind, own.name) for own in measurement.samples for kind in SAMPLE_CAPTURES]
     return wrong, tuple(
         f"{bad.sum()} of {bad.size} pixels masked: {name} outside {low:g} to {high:g}"
         f" ({row[bad].min():.3g} to {row[bad].max():.3g}), which no sample has;"
@@ -456,7 +503,7 @@ def _impossible(
     )
 
 
-def _pooled_scatter(value: FloatArray, name: str) -> FloatArray:
+def pooled_scatter(value: FloatArray, name: str) -> FloatArray:
     """Variance between repeats, mean over neighbouring wavelengths, shape (W,)."""
     if len(value) < 2:
         raise InputError(

@@ -17,6 +17,8 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WHOLE = re.compile(r"\d{1,9}", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?", re.ASCII)
 _NOT_A_NUMBER = ("nan", "inf", "-inf", "infinity", "n/a", "na", "null", "none", "-")
+MISSING = "missing"
+"""What stands in place of a reading of a dead pixel."""
 _COMMA_REMEDY = "Write numbers with a decimal point, not a decimal comma."
 
 
@@ -25,7 +27,8 @@ class Column:
     """One column of a table: how its cells are read, and what an empty or missing one means."""
 
     name: str
-    kind: Literal["text", "number", "whole"]
+    kind: Literal["text", "number", "whole", "reading"]
+    """A reading is a number, or the word `missing` where there is none."""
     default: Any = None
     required: bool = False
 
@@ -147,6 +150,8 @@ def _value(path: Path, line: int, cell: str, column: Column) -> Any:
         if not cell.isprintable():
             raise _wrong(path, line, column, f"{_short(cell)}", "a text that can be printed")
         return cell
+    if column.kind == "reading" and cell == MISSING:
+        return math.nan
     whole = column.kind == "whole"
     expected = "a whole number of 0 or more" if whole else "a number"
     if _DECIMAL_COMMA.fullmatch(cell):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from estimators.least_squares_engine import Engine
     from estimators.least_squares_fit import Fit
     from estimators.least_squares_input import Seen
+    from estimators.least_squares_joint import Joint
     from estimators.least_squares_starts import StartGrid
     from estimators.least_squares_verdict import Linearised
 
@@ -36,8 +37,8 @@ class LeastSquaresEstimator:
 
     `statistics` of the result: `steps` (evaluations of either engine), `chi_square`,
     `degrees_of_freedom`, `starts`, `starts_agreeing`. `sample_estimate` is linearised around the
-    common estimate. With `smoothness_nm` above 0, all wavelengths are fitted together, see
-    `estimators.least_squares_joint`.
+    common estimate. With `joint` (or `smoothness_nm` above 0), all wavelengths are fitted together,
+    see `estimators.least_squares_joint`; degrees of freedom are then what smoothing leaves.
     """
 
     name = "least-squares"
@@ -81,23 +82,28 @@ class LeastSquaresEstimator:
         seen = prepare(intensities, engine.forward.relative_error, options)
         found = fit(engine, grid, seen.whitened, self.model.wavelength_nm, options.starts)
         thickness = np.asarray(intensities.thickness_mm, dtype=np.float64)
-        if options.smoothness_nm > 0.0:
-            found, line = fit_jointly(
-                engine, found, seen, self.model.wavelength_nm, options.smoothness_nm, thickness
-            )
-        else:
+        if not options.together:
             line = linearise(found, seen, engine.coordinates, thickness)
-        return self._result(intensities, seen, found, line)
+            return self._result(intensities, seen, found, line)
+        wavelength = self.model.wavelength_nm
+        joint = fit_jointly(engine, found, seen, wavelength, options.smoothness_nm, thickness)
+        return self._result(intensities, seen, joint.fit, joint.line, joint)
 
     def _result(
-        self, intensities: RelativeIntensities, seen: Seen, found: Fit, line: Linearised
+        self,
+        intensities: RelativeIntensities,
+        seen: Seen,
+        found: Fit,
+        line: Linearised,
+        joint: Joint | None = None,
     ) -> EstimateResult:
         from estimators.least_squares_verdict import birge, identifiable, status_of, words
 
         model, options = self.model, self.settings
         coordinates = Coordinates(options.g_range)
         samples, count = len(model.sample_names), model.wavelength_nm.size
-        freedom = np.maximum(seen.whitened.used.sum(axis=1) - 3, 0)
+        spent = np.full(count, 3.0) if joint is None else joint.spent
+        freedom = np.maximum(seen.whitened.used.sum(axis=1) - spent, 0.0)
         factor, torn = birge(found.chi_square, freedom, options.inconsistent_probability)
         covariance = line.covariance * factor[:, None, None]
         quantile = coordinates.quantiles(found.place, line.centre, covariance)
@@ -112,10 +118,20 @@ class LeastSquaresEstimator:
         residual, normalised = _residuals(found, seen, samples)
         beer, beer_error = beer_check(intensities, model)
         settings = {
-            key: ", ".join(f"{bound:g}" for bound in value) if isinstance(value, tuple) else value
-            for key, value in asdict(options).items()
-            if key != "threads"
+            key: _plain(value) for key, value in asdict(options).items() if key != "threads"
         }
+        statistics = {
+            "steps": found.steps.astype(np.float64),
+            "chi_square": np.where(empty, np.nan, found.chi_square),
+            "degrees_of_freedom": freedom,
+            "starts": found.starts.astype(np.float64),
+            "starts_agreeing": found.agreeing.astype(np.float64),
+        }
+        if joint is not None:
+            from estimators.least_squares_joint import SMOOTH
+
+            for name, length in zip(SMOOTH, joint.length_nm, strict=True):
+                statistics[f"smoothness_{name}_nm"] = np.full(count, length)
         return EstimateResult(
             estimator=self.name,
             wavelength_nm=model.wavelength_nm,
@@ -145,14 +161,15 @@ class LeastSquaresEstimator:
                 intensities, model.fingerprint_parts(), [self.name, repr(settings)]
             ),
             messages=(*intensities.reasons, *said),
-            statistics={
-                "steps": found.steps.astype(np.float64),
-                "chi_square": np.where(empty, np.nan, found.chi_square),
-                "degrees_of_freedom": freedom.astype(np.float64),
-                "starts": found.starts.astype(np.float64),
-                "starts_agreeing": found.agreeing.astype(np.float64),
-            },
+            statistics=statistics,
         )
+
+
+def _plain(value: object) -> str | int | float:
+    """An option as a result stores it."""
+    if isinstance(value, tuple):
+        return ", ".join(f"{bound:g}" for bound in value)
+    return str(value).lower() if isinstance(value, bool) else value  # type: ignore[return-value]
 
 
 def _residuals(found: Fit, seen: Seen, samples: int) -> tuple[FloatArray, FloatArray]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.least_squares_fit import Whitened
 from estimators.least_squares_settings import LeastSquaresSettings
@@ -15,6 +16,8 @@ from twin.spectra import FloatArray
 
 JITTER = 1e-10
 """Of every variance: fully correlated captures are allowed."""
+REST = 1e-6
+"""Of every variance: what is left without the errors that all wavelengths share may be nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +31,8 @@ class Seen:
         contradictory: samples left out because they contradict themselves, (S, W).
         lost: samples whose collimated capture is below its noise, (S, W).
         noiseless: no capture states any noise, (W,).
+        common: modes of the captures' errors that all wavelengths share, without the engine's,
+            (K, W, M).
         messages: what was left out, counted.
     """
 
@@ -37,6 +42,7 @@ class Seen:
     contradictory: BoolArray
     lost: BoolArray
     noiseless: BoolArray
+    common: FloatArray
     messages: tuple[str, ...]
 
 
@@ -133,5 +139,61 @@ def prepare(
         contradictory.T,
         lost.T,
         noiseless,
+        _common(intensities, used),
         tuple(messages),
     )
+
+
+def apart(
+    seen: Seen, index: NDArray[np.intp], relative_error: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Errors of their own and common ones, told apart, for R wavelengths `index`.
+
+    Args:
+        seen: the visit.
+        index: wavelengths, (R,).
+        relative_error: of the engine, (S, 3): common to all wavelengths.
+
+    Returns:
+        Whitener of what is left of the covariance (R, M, M), and the modes of what all wavelengths
+        share, the engine's error included (K', R, M).
+
+    Raises:
+        InputError: common errors that exceed the covariance.
+    """
+    data, used = seen.whitened.data[index], seen.whitened.used[index]
+    captures = data.shape[1]
+    engine = np.where(used, relative_error.reshape(-1) * data, 0.0)
+    modes = [seen.common[:, index], (np.eye(captures)[:, None] * engine)]
+    common = np.concatenate(modes)
+    whole = seen.covariance[index]
+    own = whole - np.einsum("kwi,kwj->wij", common, common)
+    place = np.arange(captures)
+    scale = np.sqrt(np.where(used, whole[:, place, place], 1.0))
+    scaled = own / (scale[:, :, None] * scale[:, None, :])
+    scaled[:, place, place] += np.where(used, REST, 1.0)
+    if np.linalg.eigvalsh(scaled).min() < 0.0:
+        raise InputError(
+            "errors common to all wavelengths that exceed the covariance",
+            "a covariance that holds them (`RelativeIntensities.common`)",
+            place="common",
+        )
+    whitener = np.linalg.inv(np.linalg.cholesky(scaled)) / scale[:, None, :]
+    both = used[:, :, None] & used[:, None, :]
+    return np.where(both, whitener, 0.0), common
+
+
+def _common(intensities: RelativeIntensities, used: BoolArray) -> FloatArray:
+    """Modes of the captures' errors, 0 where a capture is not used, (K, W, M).
+
+    Raises:
+        InputError: modes of another shape.
+    """
+    if intensities.common is None:
+        return np.zeros((0, *used.shape))
+    common = np.asarray(intensities.common, dtype=np.float64)
+    if common.ndim != 3 or common.shape[1:] != used.shape:
+        raise InputError(
+            f"shape {common.shape}", f"shape (K, {used.shape[0]}, {used.shape[1]})", place="common"
+        )
+    return np.where(used, common, 0.0)

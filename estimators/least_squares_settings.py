@@ -12,9 +12,12 @@ from twin.errors import InputError
 class LeastSquaresSettings:
     """Options of the least-squares estimator."""
 
+    joint: bool = False
+    """Fit all wavelengths together, as smooth spectra: `estimators.least_squares_joint`."""
     smoothness_nm: float = 0.0
-    """Length [nm] over which a coordinate (logit of albedo and g, ln sigma_t) may bend by about
-    one unit: the prior of the joint mode, see `estimators.least_squares_joint`; 0: none."""
+    """Length [nm] over which a coordinate (ln sigma_s, ln sigma_a, logit of g) may bend by about
+    one unit: the prior of the joint mode, which a number above 0 turns on. 0: the joint mode finds
+    a length for each coordinate in the captures."""
     starts: int = 3
     """At most so many starts for every wavelength; the lowest chi-square wins."""
     steps: int = 40
@@ -68,6 +71,11 @@ class LeastSquaresSettings:
         for name in ("lost_sigma", "contradictory_sigma"):
             if not 0.0 < getattr(self, name) < float("inf"):
                 raise InputError(f"{getattr(self, name):g}", "a number above 0", place=name)
+
+    @property
+    def together(self) -> bool:
+        """Whether all wavelengths are fitted together."""
+        return self.joint or self.smoothness_nm > 0.0
 
     @property
     def cores(self) -> int:

@@ -91,7 +91,7 @@ def linearise(
 
 
 def birge(
-    chi_square: FloatArray, freedom: NDArray[np.int64], probability: float
+    chi_square: FloatArray, freedom: FloatArray, probability: float
 ) -> tuple[FloatArray, BoolArray]:
     """Factor by which variances grow (Birge 1932, Phys. Rev. 40, 207), and where, both (W,)."""
     from scipy.special import chdtrc

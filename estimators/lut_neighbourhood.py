@@ -21,9 +21,10 @@ from estimators.draws import (
     uniform_draws,
     weighted,
 )
+from estimators.lut_border import Likelihood, inside_map, widened
 from estimators.lut_plain import Plain, Table
 from estimators.lut_settings import LutSettings
-from estimators.result import Status
+from estimators.result import QUANTILE_LEVELS, Status
 from estimators.search import look_up
 from twin.spectra import FloatArray
 
@@ -37,6 +38,9 @@ LOST_STEPS = (0, 0, 32)
 """The same of one draw without the beam's light."""
 HELD = 1e-6
 """Unit of g where it is given."""
+CUT_OFF = 0.5
+"""Share of a sample's draws outside the map from which its border decides the estimate: the
+captures themselves then lie beyond it."""
 DRAW_STEPS = (16, 32, 6)
 """Most search steps of one draw; draws outside the map need no exact distance."""
 
@@ -77,6 +81,7 @@ class Neighbourhoods:
         estimates = np.zeros((samples, count, options.draws, 3))
         kept = np.zeros((samples, count, options.draws), dtype=bool)
         drawn = self._draw(first, last)
+        cut_off = np.zeros(count, dtype=bool)
         for s, table in enumerate(self.tables):
             lost = np.flatnonzero(status[s] == Status.COLLIMATED_LOST)
             self._without_beam(s, drawn[s], lost, first, estimates, kept)
@@ -112,6 +117,8 @@ class Neighbourhoods:
                 self._project(s, drawn[s], np.flatnonzero(edge), first, estimates, kept)
                 status[s, edge] = Status.AT_BOUND
                 reaching |= edge
+            seen = (status[s] < Status.CONTRADICTORY) & (status[s] != Status.COLLIMATED_LOST)
+            cut_off |= seen & reaching & (share < 1.0 - CUT_OFF)
             status[s, (status[s] == Status.OK) & ~reaching] = Status.OUTSIDE_MAP
             kept[s, status[s] == Status.OUTSIDE_MAP] = False
         # Samples whose collimated light is lost help only where no other sample has any.
@@ -120,11 +127,26 @@ class Neighbourhoods:
             kept[s, clear & (status[s] == Status.COLLIMATED_LOST)] = False
         clouds = [summarise(estimates[s], kept[s]) for s in range(samples)]
         freedom = 2 if options.fixed_g is not None else 3
-        if samples == 1:
-            return clouds, clouds[0], status, np.zeros(count, dtype=bool)
         if options.combine == "pool":
             whole = _pooled(estimates, kept)
             return clouds, whole, status, disagreement(clouds, whole.median, freedom)[1]
+        if samples == 1:
+            whole, torn = clouds[0], np.zeros(count, dtype=bool)
+        else:
+            whole, torn = self._together(estimates, kept, clouds, freedom)
+        if options.neighbourhood == "covariance" and cut_off.any():
+            whole = self._inside(np.flatnonzero(cut_off), first, status, whole, torn)
+        return clouds, whole, status, torn
+
+    def _together(
+        self,
+        estimates: FloatArray,
+        kept: NDArray[np.bool_],
+        clouds: list[Cloud],
+        freedom: int,
+    ) -> tuple[Cloud, NDArray[np.bool_]]:
+        """Draws of all samples combined, and where the samples disagree."""
+        samples = len(clouds)
         straight = np.where(kept[..., None], straightened(estimates), 0.0)
         lines = [summarise(straight[s], kept[s]) for s in range(samples)]
         joint, together = weighted(straight, kept, lines)
@@ -139,7 +161,50 @@ class Neighbourhoods:
         if missing.any():
             # Too few draws are inside the map for all samples at once: pool them instead.
             whole = _chosen(~missing, whole, _pooled(estimates, kept))
-        return clouds, whole, status, torn
+        return whole, torn
+
+    def _inside(
+        self,
+        seek: NDArray[np.int64],
+        first: int,
+        status: NDArray[np.int8],
+        whole: Cloud,
+        torn: NDArray[np.bool_],
+    ) -> Cloud:
+        """`whole` with the wavelengths `seek` drawn inside the map instead; `torn` in place."""
+        options, cut = self.settings, self.cut
+        total, clear = self._total(first, first + status.shape[1]), status < Status.CONTRADICTORY
+        clear &= (status != Status.COLLIMATED_LOST) & (status != Status.OUTSIDE_MAP)
+        draws = np.zeros((len(seek), options.draws, 3))
+        clipped = np.full((QUANTILE_LEVELS.size, len(seek), 3), np.nan)
+        for row, w in enumerate(seek):
+            mine = np.flatnonzero(clear[:, w])
+            data = cut.triple[mine, first + w].copy()
+            if options.fixed_g is None:
+                data[:, 2] = np.exp(data[:, 2])
+            index = (3 * mine[:, None] + np.arange(3)).ravel()
+            tables = [self.tables[s] for s in mine]
+            likelihood = Likelihood.of(
+                tables,
+                [table.power[first + w] for table in tables],
+                data.ravel(),
+                total[w][np.ix_(index, index)],
+                options.fixed_g,
+            )
+            starts = [
+                table.grid.parameters(cut.place[s, first + w])
+                for s, table in zip(mine, tables, strict=True)
+            ]
+            found = inside_map(
+                likelihood,
+                np.array(starts),
+                options.draws,
+                stream(options.seed, first + int(w), 3),
+            )
+            draws[row], clipped[:, row], torn[w] = found
+        own = summarise(draws, np.ones(draws.shape[:2], dtype=bool))
+        wide = own._replace(quantile=widened(own.quantile, clipped))
+        return _replaced(whole, seek, wide)
 
     def _project(
         self,
@@ -256,18 +321,7 @@ class Neighbourhoods:
             around = uniform.reshape(count, options.draws, samples, 3).transpose(2, 0, 1, 3)
             drawn = centre + options.epsilon * around
         else:
-            errors = np.zeros((count, samples, 3))
-            for s, table in enumerate(self.tables):
-                place = cut.place[s, here]
-                seek = np.isfinite(place).all(axis=1)
-                errors[seek, s] = table.grid.errors(place[seek], *table.rho)
-            through = np.exp(np.nan_to_num(centre[..., 0, 2])).T
-            if options.fixed_g is None:
-                errors[:, :, 2] *= through
-            total = self.covariance[here].copy()
-            diagonal = np.arange(3 * samples)
-            total[:, diagonal, diagonal] += errors.reshape(count, -1) ** 2
-            noise = gaussian_draws(total, options.draws, options.seed, first)
+            noise = gaussian_draws(self._total(first, last), options.draws, options.seed, first)
             noise = noise.reshape(count, options.draws, samples, 3).transpose(2, 0, 1, 3)
             drawn = centre + noise
             if options.fixed_g is None:
@@ -277,6 +331,31 @@ class Neighbourhoods:
             drawn[..., 2] = options.fixed_g
             return drawn
         return drawn
+
+    def _total(self, first: int, last: int) -> FloatArray:
+        """Covariance of the captures with the maps' own errors, (W', 3S, 3S)."""
+        cut, here = self.cut, slice(first, last)
+        samples, count = cut.status[:, here].shape
+        errors = np.zeros((count, samples, 3))
+        for s, table in enumerate(self.tables):
+            place = cut.place[s, here]
+            seek = np.isfinite(place).all(axis=1)
+            errors[seek, s] = table.grid.errors(place[seek], *table.rho)
+        if self.settings.fixed_g is None:
+            errors[:, :, 2] *= np.exp(np.nan_to_num(cut.triple[:, here, 2])).T
+        total = self.covariance[here].copy()
+        diagonal = np.arange(3 * samples)
+        total[:, diagonal, diagonal] += errors.reshape(count, -1) ** 2
+        return total
+
+
+def _replaced(whole: Cloud, where: NDArray[np.int64], other: Cloud) -> Cloud:
+    """`whole` with `other` at the wavelengths `where`."""
+    quantile, covariance = whole.quantile.copy(), whole.covariance.copy()
+    members = whole.members.copy()
+    quantile[:, where], covariance[where] = other.quantile, other.covariance
+    members[where] = other.members
+    return Cloud(quantile, covariance, members)
 
 
 def _pooled(estimates: FloatArray, kept: NDArray[np.bool_]) -> Cloud:

@@ -23,7 +23,8 @@ CORNERS = 2
 _MEANINGS = {
     "chi_square": "sum of the squared residuals; about the degrees of freedom when the bench is as"
     " described",
-    "degrees_of_freedom": "captures that were used minus three unknowns",
+    "degrees_of_freedom": "captures that were used minus the unknowns: three, or what a smooth"
+    " spectrum really spends of them",
     "steps": "evaluations of the engine until the fit had settled",
     "starts": "starting points that were tried",
     "starts_agreeing": "starting points that ended at the same material",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scenarios.stress.plan import Materials, StressPlan
 from twin.spectra import FloatArray
 
-MEDIA, ALBEDOS, ORDER = 1, 2, 3
+MEDIA, ALBEDOS, ORDER, SPECTRA = 1, 2, 3, 4
 """Streams of random numbers: one purpose each."""
 
 
@@ -43,8 +43,14 @@ def design_of(plan: StressPlan) -> Design:
     A random design takes (sigma_t, g) from a Sobol sequence, shifted at random (Cranley and
     Patterson 1976), and gives every such medium `albedos_per_medium` albedos, one in each of as
     many equal strata. Media are split evenly over visits; inside a visit points are shuffled, so
-    that no parameter goes with the wavelength.
+    that no parameter goes with the wavelength. A design of spectra has one in every visit, from
+    short wavelengths to long ones; the Sobol sequence starts them.
+
+    Raises:
+        InputError: ranges in which no spectrum stays.
     """
+    if plan.materials.spectra:
+        return _spectra(plan)
     share, counts = _grid(plan.materials) if plan.materials.grid else _random(plan)
     material = spread(plan.materials, share)
     visits = max(1, -(-len(material) // plan.points_per_visit))
@@ -82,14 +88,9 @@ def _ranges(materials: Materials) -> tuple[tuple[float, float], ...]:
 
 def _random(plan: StressPlan) -> tuple[FloatArray, NDArray[np.int64]]:
     """Shares (N, 3) and the number of points of each medium."""
-    from scipy.stats import qmc
-
     each = min(plan.albedos_per_medium, plan.points)
     media = -(-plan.points // each)
-    # Sobol points come in powers of two; the first of them are as even as a part can be. Shifted
-    # here: the library's own scrambling draws from generators that it makes itself.
-    sobol = qmc.Sobol(2, scramble=False).random(1 << max(0, (media - 1).bit_length()))
-    pairs = (sobol[:media] + _stream(plan.seed, MEDIA, 0).random(2)) % 1.0
+    pairs = _sobol(plan, media)
     jitter = _stream(plan.seed, ALBEDOS, 0).random((media, each))
     albedo = (np.arange(each) + jitter) / each
     share = np.concatenate([albedo[..., None], np.repeat(pairs[:, None], each, axis=1)], axis=-1)
@@ -97,6 +98,37 @@ def _random(plan: StressPlan) -> tuple[FloatArray, NDArray[np.int64]]:
     counts[-1] -= media * each - plan.points
     kept = np.concatenate([share[m, _spaced(each, int(n))] for m, n in enumerate(counts)])
     return kept, counts
+
+
+def _spectra(plan: StressPlan) -> Design:
+    """One smooth spectrum for every visit; they share the range of the first bench."""
+    from scenarios.stress.spectra import spectrum_inside
+
+    pixels = next(iter(plan.benches.values())).instrument.wavelength_nm
+    low, high = np.array(_ranges(plan.materials)).T
+    visits = -(-plan.points // plan.points_per_visit)
+    sizes = np.full(visits, plan.points_per_visit)
+    sizes[-1] -= visits * plan.points_per_visit - plan.points
+    if sizes[-1] < 2:  # a visit needs two wavelengths
+        sizes = np.append(sizes[:-2], sizes[-2:].sum())
+    spectra = []
+    for number, (size, start) in enumerate(zip(sizes, _sobol(plan, len(sizes)), strict=True)):
+        wavelength = np.linspace(float(pixels[0]), float(pixels[-1]), size)
+        stream = _stream(plan.seed, SPECTRA, number)
+        spectra.append(spectrum_inside(stream, wavelength, start, low, high))
+    return Design(np.concatenate(spectra), np.repeat(np.arange(len(sizes)), sizes))
+
+
+def _sobol(plan: StressPlan, count: int) -> FloatArray:
+    """Shares of sigma_t and g, shape (count, 2).
+
+    Sobol points come in powers of two; the first of them are as even as a part can be. Shifted
+    here: the library's own scrambling draws from generators that it makes itself.
+    """
+    from scipy.stats import qmc
+
+    sobol = qmc.Sobol(2, scramble=False).random(1 << max(0, (count - 1).bit_length()))
+    return np.asarray((sobol[:count] + _stream(plan.seed, MEDIA, 0).random(2)) % 1.0)
 
 
 def _spaced(count: int, wanted: int) -> NDArray[np.int64]:

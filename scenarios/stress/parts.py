@@ -90,6 +90,7 @@ def chunks_of(plan: StressPlan, design: Design, parts: Path) -> Iterator[Chunk]:
                     own = {
                         "visit": visit,
                         "material": material,
+                        "spectra": plan.materials.spectra,
                         "noise": level,
                         "estimator": contender.name,
                         "options": contender.options,

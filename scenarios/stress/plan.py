@@ -43,6 +43,10 @@ class Materials(Part):
     """Least and greatest anisotropy factor; even in -log(1 - g)."""
     grid: tuple[int, int, int] | None = None
     """Numbers of albedos, extinction coefficients and g of a grid; None: a random design."""
+    spectra: bool = False
+    """Whether the points of a visit are one smooth spectrum, as those of a real material are
+    (`scenarios.stress.spectra`), measured in one visit whose lamps drift for all wavelengths
+    together; else every wavelength carries a material of its own."""
 
     @field_validator("albedo")
     @classmethod
@@ -71,6 +75,12 @@ class Materials(Part):
         if value is not None and (min(value) < 1 or value[0] * value[1] * value[2] < 2):
             raise ValueError(f"found a grid {value}; expected counts from 1, two points or more")
         return value
+
+    @model_validator(mode="after")
+    def _one_design(self) -> Materials:
+        if self.spectra and self.grid is not None:
+            raise ValueError("found a grid of spectra; expected either a grid or spectra")
+        return self
 
 
 class Light(Part):
@@ -105,7 +115,8 @@ class StressPlan(Part):
     """Benches by name: tables, or paths of bench.toml files; every point is tried on each."""
     protocol: Protocol = Protocol()
     points_per_visit: int = Field(default=64, ge=2, le=1000)
-    """Materials in one simulated visit: each wavelength carries another one."""
+    """Wavelengths of one simulated visit: each carries another material, or a point of the visit's
+    spectrum."""
     light: Light = Light()
     map: MapSettings = MapSettings()
 

@@ -104,7 +104,8 @@ def take(
 
     The lamps' drift is common to all wavelengths of a visit. So that errors at different points
     are independent, as a count of intervals that hold takes them to be, the visit is simulated
-    as often as it has wavelengths, and one wavelength is taken from each.
+    as often as it has wavelengths, and one wavelength is taken from each. A spectrum is taken in
+    one visit, drift and all, as a real one is.
 
     Args:
         plan: gives samples and protocol.
@@ -121,7 +122,11 @@ def take(
     samples = samples_of(plan)
     scenario = _scenario(plan, bench, samples, material)
     seeds = [derived_seed(seed, index) for index in range(len(material))]
-    intensities = _joined([relative_intensities(m) for m in noisy_visits(scenario, light, seeds)])
+    if plan.materials.spectra:
+        intensities = relative_intensities(next(noisy_visits(scenario, light, seeds[:1])))
+    else:
+        every = [relative_intensities(m) for m in noisy_visits(scenario, light, seeds)]
+        intensities = _joined(every)
     own = np.stack([[each.black_se, each.white_se, each.collimated_se] for each in light])
     with np.errstate(invalid="ignore", divide="ignore"):
         light_share = np.asarray(own / intensities.sigma)
@@ -142,6 +147,7 @@ def _joined(every: Sequence[RelativeIntensities]) -> RelativeIntensities:
         covariance=np.stack([every[w].covariance[w] for w in each]),
         valid=valid,
         reasons=tuple(reasons),
+        common=None,
     )
 
 

@@ -1,0 +1,240 @@
+"""Nonlinear fits: the material at every wavelength and the values of a few effects together.
+
+Gauss-Newton on the profiled problem: the effects' step comes from the reduced residual, the
+material's step then from what they leave, wavelength by wavelength (Golub and Pereyra 1973,
+"variable projection"). Derivatives are renewed only when the step turned out not to be linear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis.evidence import Hypothesis, Scores, log_evidence, turned_scales
+from diagnosis.problem import Candidate, Problem
+from diagnosis.reduction import Reduction
+from twin.spectra import FloatArray
+
+STEPS = 8
+"""Gauss-Newton steps at most."""
+HALVINGS = 5
+SETTLED = 0.05
+"""Chi-square that a further step may still gain."""
+CURVED = 0.5
+"""Chi-square by which a step may miss its linear prediction before derivatives are renewed."""
+LOOSE = 10.0
+"""Prior of the amplitude in a fit, in prior scales: it only keeps what is unseen finite."""
+LONGEST = 1.0
+"""Longest step of a material coordinate."""
+DISAGREE = 0.2
+"""Relative difference between linear prediction and refit that is worth saying."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The best material and effect values under one hypothesis.
+
+    Attributes:
+        hypothesis: candidates at work.
+        material: (W, P).
+        values: deviation from nominal by candidate, (k,) each.
+        covariance: of all values, in the order of the columns, (K, K).
+        predicted: data at the fit, (W, M).
+        residual: reduced residual, (n,).
+        columns: reduced signatures of the effects at the fit, (n, K).
+        raw: their signatures in data space, (K, W, M).
+        jacobian: derivatives by the material, (W, M, P).
+        reduction: about the fit.
+        linear: values that the linear model had predicted, (K,).
+        at_bound: which of the K values sit at a bound.
+        converged: whether it settled.
+    """
+
+    hypothesis: Hypothesis
+    material: FloatArray
+    values: Mapping[str, FloatArray]
+    covariance: FloatArray
+    predicted: FloatArray
+    residual: FloatArray
+    columns: FloatArray
+    raw: FloatArray
+    jacobian: FloatArray
+    reduction: Reduction
+    linear: FloatArray
+    at_bound: np.ndarray
+    converged: bool
+
+    @property
+    def value(self) -> FloatArray:
+        """All values in the order of the columns, (K,)."""
+        return np.concatenate([*self.values.values(), np.empty(0)])
+
+    @property
+    def chi_square(self) -> float:
+        """Of the reduced residual."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def disagreement(self) -> float:
+        """Largest relative difference between refit and linear prediction."""
+        if not self.linear.size:
+            return 0.0
+        size = np.maximum(np.abs(self.value), np.sqrt(np.diag(self.covariance)))
+        return float(np.max(np.abs(self.value - self.linear) / np.maximum(size, 1e-300)))
+
+
+def fit(
+    problem: Problem,
+    hypothesis: Hypothesis = (),
+    start: Fit | None = None,
+    signatures: FloatArray | None = None,
+) -> Fit:
+    """Fit the material and the effects of a hypothesis.
+
+    Args:
+        problem: the measurement.
+        hypothesis: indices of the candidates at work; () fits the material alone.
+        start: a fit of the material alone, whose derivatives are used; None starts from
+            `problem.material`.
+        signatures: data per unit of each parameter of the hypothesis at the start, (K, W, M);
+            None takes the problem's.
+    """
+    chosen = [problem.candidates[index] for index in hypothesis]
+    own = [column for index in hypothesis for column in problem.columns[index]]
+    raw = problem.signatures[own] if signatures is None else signatures
+    lower = np.concatenate([np.empty(0), *(c.bounds[0] for c in chosen)])
+    upper = np.concatenate([np.empty(0), *(c.bounds[1] for c in chosen)])
+    loose = LOOSE * np.concatenate([np.empty(0), *(np.array(c.prior_scale) for c in chosen)])
+    value, linear = np.zeros(len(own)), np.zeros(len(own))
+    data = np.where(problem.valid, problem.value, 0.0)
+    if start is None:
+        material, predicted = problem.material, problem.forward(problem.material, {})
+        jacobian = problem.jacobian(material, {})
+        reduction = Reduction.of(problem, jacobian)
+    else:
+        material, predicted, reduction = start.material, start.predicted, start.reduction
+        jacobian = start.jacobian
+
+    def objective(prediction: FloatArray, at: FloatArray) -> float:
+        return reduction.misfit(data - prediction) + float(np.sum((at / loose) ** 2))
+
+    now, converged = objective(predicted, value), False
+    columns = reduction(np.moveaxis(raw, 0, -1))
+    for step in range(STEPS):
+        left = data - predicted
+        inner = columns.T @ reduction(left) - value / loose**2
+        change = bounded_step(columns.T @ columns + np.diag(loose**-2.0), inner,
+                              lower - value, upper - value)  # fmt: skip
+        if step == 0:
+            linear = change
+        moved = reduction.material_step(left - np.tensordot(change, raw, 1))
+        moved /= np.maximum(1.0, np.max(np.abs(moved), axis=1, initial=0.0) / LONGEST)[:, None]
+        share = 1.0
+        for _ in range(HALVINGS):
+            trial_value, trial = value + share * change, material + share * moved
+            prediction = problem.forward(trial, by_name(chosen, trial_value))
+            then = objective(prediction, trial_value)
+            if np.isfinite(then) and then <= now + SETTLED:
+                break
+            share *= 0.5
+        else:
+            break
+        missed = reduction(prediction - predicted - np.tensordot(share * change, raw, 1))
+        gained, now = now - then, then
+        value, material, predicted = trial_value, trial, prediction
+        if share == 1.0 and missed @ missed < CURVED and (gained < SETTLED or step):
+            converged = True
+            break
+        if missed @ missed >= CURVED or share < 1.0 or gained > 1.0:
+            named = by_name(chosen, value)
+            jacobian = problem.jacobian(material, named)
+            reduction = reduction.about(jacobian)
+            raw = slopes(problem, chosen, material, value, predicted)
+            columns = reduction(np.moveaxis(raw, 0, -1))
+    precision = columns.T @ columns + np.diag(loose**-2.0)
+    return Fit(
+        hypothesis=hypothesis,
+        material=material,
+        values=by_name(chosen, value),
+        covariance=np.asarray(np.linalg.inv(precision)) if own else np.empty((0, 0)),
+        predicted=predicted,
+        residual=reduction(data - predicted),
+        columns=columns,
+        raw=raw,
+        jacobian=jacobian,
+        reduction=reduction,
+        linear=linear,
+        at_bound=(value <= lower) | (value >= upper),
+        converged=converged,
+    )
+
+
+def by_name(chosen: list[Candidate], value: FloatArray) -> dict[str, FloatArray]:
+    """Values of several candidates by name."""
+    ends = np.cumsum([0, *(candidate.size for candidate in chosen)])
+    return {candidate.name: value[ends[i] : ends[i + 1]] for i, candidate in enumerate(chosen)}
+
+
+def slopes(
+    problem: Problem,
+    chosen: list[Candidate],
+    material: FloatArray,
+    value: FloatArray,
+    predicted: FloatArray,
+) -> FloatArray:
+    """Data per unit of every effect parameter, by one-sided differences, (K, W, M).
+
+    The step leads away from nominal: an effect that is even about nominal has a slope there too.
+    """
+    result = []
+    scale = np.concatenate([np.empty(0), *(np.array(c.prior_scale) for c in chosen)])
+    sign = np.concatenate([np.empty(0), *(np.array(c.sign) for c in chosen)])
+    lower = np.concatenate([np.empty(0), *(c.bounds[0] for c in chosen)])
+    upper = np.concatenate([np.empty(0), *(c.bounds[1] for c in chosen)])
+    for column in range(value.size):
+        away = np.sign(value[column]) or sign[column] or 1.0
+        step = away * max(0.1 * scale[column], 0.05 * abs(value[column]))
+        if not lower[column] <= value[column] + step <= upper[column]:
+            step = -step
+        moved = value.copy()
+        moved[column] += step
+        result.append((problem.forward(material, by_name(chosen, moved)) - predicted) / step)
+    return np.array(result).reshape(value.size, *predicted.shape)
+
+
+def bounded_step(
+    precision: FloatArray, inner: FloatArray, lower: FloatArray, upper: FloatArray
+) -> FloatArray:
+    """Minimum of 1/2 x' A x - b' x within a box, by coordinate descent from the free minimum."""
+    if not inner.size:
+        return inner
+    step = np.clip(np.linalg.solve(precision, inner), lower, upper)
+    for _ in range(100):
+        before = step.copy()
+        for i in range(step.size):
+            rest = inner[i] - precision[i] @ step + precision[i, i] * step[i]
+            step[i] = np.clip(rest / precision[i, i], lower[i], upper[i])
+        if np.allclose(step, before, rtol=1e-6, atol=0.0):
+            break
+    return np.asarray(step)
+
+
+def scores_at(problem: Problem, found: Fit) -> Scores:
+    """Scores of a fit's own effects, linearised where it ended; `Scores` of K columns."""
+    chosen = tuple(problem.candidates[index] for index in found.hypothesis)
+    factor, positive = turned_scales(chosen)
+    columns = found.columns * factor
+    target = found.residual + found.columns @ found.value
+    ends = np.cumsum([0, *(candidate.size for candidate in chosen)])
+    owned = tuple(tuple(range(ends[i], ends[i + 1])) for i in range(len(chosen)))
+    return Scores(columns.T @ columns, (columns.T @ target)[None], positive, owned)
+
+
+def log_evidence_at(problem: Problem, found: Fit, null: Fit) -> float:
+    """Log B over no effect of a fit (Laplace), linearised where it ended."""
+    target = found.residual + found.columns @ found.value
+    scores = scores_at(problem, found)
+    gain = log_evidence(scores, [tuple(range(len(found.hypothesis)))])[0, 0]
+    return float(gain - 0.5 * target @ target + 0.5 * null.chi_square)

@@ -252,13 +252,19 @@ def _engine_modes(
 
 
 def _first_guess(measurement: Measurement, maps: Sequence[Map]) -> FloatArray:
-    """Coordinates of the least-squares estimate, neighbours' where it does not answer, (W, 3)."""
+    """Coordinates of a first estimate, neighbours' where it does not answer, (W, 3).
+
+    With maps by look-up: least squares is better and the fit that follows as good, but its program
+    takes a fresh process ten seconds to build.
+    """
     from estimators import BenchModel, estimator
 
     intensities = relative_intensities(measurement)
     plain = measurement.bench.model_copy(update={"effects": ()})
     model = BenchModel.of(plain, measurement.samples, intensities.wavelength_nm, maps)
-    result = estimator("least-squares", model).estimate(intensities)
+    options = {"draws": 0} if maps else {}
+    name = "lut" if maps else "least-squares"
+    result = estimator(name, model, **options).estimate(intensities)
     found = result.parameters
     known = np.isfinite(found).all(axis=1)
     if not known.any():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -39,6 +40,12 @@ def relative_radiance(panel: PanelShape, along: FloatArray) -> FloatArray:
     return panel.level * (1.0 + panel.gradient * along)
 
 
+@lru_cache(maxsize=1)
+def _rule() -> tuple[FloatArray, FloatArray]:
+    nodes, weights = np.polynomial.legendre.leggauss(32)
+    return nodes, weights
+
+
 def irradiance_factor(panels: tuple[PanelShape, ...], x: float, y: float, z: float) -> float:
     """Irradiance on a horizontal element per unit of panel radiance [sr], by quadrature.
 
@@ -46,7 +53,7 @@ def irradiance_factor(panels: tuple[PanelShape, ...], x: float, y: float, z: flo
     relative radiance l of the panel's point (1 unless the bench says otherwise); 32 x 32
     Gauss-Legendre nodes leave an error below 1e-12 for panels above the horizon.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(32)
+    nodes, weights = _rule()
     total = 0.0
     for panel in panels:
         a, b = np.meshgrid(nodes * panel.half[0], nodes * panel.half[1], indexing="ij")
@@ -71,16 +78,23 @@ def reference_factor(bench: Bench, plane_mm: float) -> float:
     The footprint is the detector's disc blurred by its cone; a 7-point rule of degree 5 on the
     disc (Stroud 1971, S2 5-1) averages the nearly constant irradiance.
     """
-    panels = tuple(panel_shape(panel) for panel in bench.panels)
     spread = math.tan(math.radians(bench.detector.acceptance_deg)) * abs(plane_mm)
     # second moments of disc and cone add; the rule is exact for them
-    radius = math.hypot(bench.detector.spot_panels_mm / 2, spread)
+    return _mean_factor(
+        bench.panels, math.hypot(bench.detector.spot_panels_mm / 2, spread), plane_mm
+    )
+
+
+@lru_cache(maxsize=4096)
+def _mean_factor(panels: tuple[Panel, ...], radius: float, plane_mm: float) -> float:
+    """Kept, because benches that differ elsewhere alone are asked for again and again."""
+    shapes = tuple(panel_shape(panel) for panel in panels)
     ring = radius * math.sqrt(2.0 / 3.0)
     points = [(0.0, 0.0, 0.25)] + [
         (ring * math.cos(k * math.pi / 3), ring * math.sin(k * math.pi / 3), 0.125)
         for k in range(6)
     ]
-    return sum(w * irradiance_factor(panels, x, y, plane_mm) for x, y, w in points)
+    return sum(w * irradiance_factor(shapes, x, y, plane_mm) for x, y, w in points)
 
 
 def reference_plane_mm(bench: Bench, stack_height_mm: float) -> float:

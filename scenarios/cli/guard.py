@@ -50,6 +50,7 @@ def guarded(command: Command) -> Callable[..., None]:
                 f"benchtwin: interrupted. What was finished is kept; {again} goes on from there.",
                 file=sys.stderr,
             )
+            _forget_interrupt()
             raise typer.Exit(EXIT_INTERRUPTED) from None
         except Exception:  # noqa: BLE001 - the last line of defence: say it is our mistake
             traceback.print_exc()
@@ -62,6 +63,16 @@ def guarded(command: Command) -> Callable[..., None]:
         _answer(answer, as_json=as_json)
 
     return run
+
+
+def _forget_interrupt() -> None:
+    """Let the exit code be ours.
+
+    CPython remembers an interrupt that passed through text it was running (a dataclass that an
+    import was making) and then ends the process by the signal, whatever the exit code, until it
+    has run another text.
+    """
+    eval("None")  # noqa: S307 - a constant
 
 
 def _error_fields(error: InputError) -> dict[str, str]:

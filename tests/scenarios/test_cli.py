@@ -243,6 +243,27 @@ def test_a_mistake_of_the_program_is_exit_1_with_a_traceback(monkeypatch: pytest
     assert "error of the program" in result.stderr
 
 
+IN_AN_IMPORT = """
+from scenarios.cli.guard import guarded
+import typer
+def command():
+    exec("raise KeyboardInterrupt")
+try:
+    guarded(command)()
+except typer.Exit as end:
+    raise SystemExit(end.exit_code)
+"""
+
+
+def test_an_interrupt_while_a_class_is_being_made_is_exit_130_too():
+    done = subprocess.run(
+        [sys.executable, "-c", IN_AN_IMPORT], cwd=Path(__file__).parents[2], check=False,
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 130
+    assert "interrupted" in done.stderr
+
+
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT for another process")
 def test_an_interrupt_is_exit_130_and_leaves_no_half_file(tmp_path: Path):
     scenario = write(tmp_path / "long.toml", tiny(simulation={"paths": 1 << 22}))

@@ -255,10 +255,13 @@ except typer.Exit as end:
 """
 
 
-def test_an_interrupt_while_a_class_is_being_made_is_exit_130_too():
+def test_an_interrupt_while_a_class_is_being_made_is_exit_130_too(tmp_path: Path):
+    # Only a module that is run by its name shows what is remembered.
+    (tmp_path / "interrupted.py").write_text(IN_AN_IMPORT)
+    path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])
     done = subprocess.run(
-        [sys.executable, "-c", IN_AN_IMPORT], cwd=Path(__file__).parents[2], check=False,
-        capture_output=True, text=True,
+        [sys.executable, "-m", "interrupted"], check=False, capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": path},
     )  # fmt: skip
     assert done.returncode == 130
     assert "interrupted" in done.stderr

@@ -195,7 +195,7 @@ class FluorescenceData:
     @property
     def covariance(self) -> FloatArray:
         """Covariance of the flattened values (index j K + k), shape (J K, J K); NaN if invalid."""
-        spread = self.common.reshape(len(self.common), -1)
+        spread = self.common.reshape(len(self.common), self.value.size)
         total = np.diag(self.variance.reshape(-1)) + spread.T @ spread
         hidden = ~self.valid.reshape(-1)
         total[hidden] = np.nan

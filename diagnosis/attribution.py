@@ -60,7 +60,7 @@ class Posterior:
         return self.tested[int(np.argmax(self.log_weight))]
 
     def probability(self, *, gap: bool = False) -> tuple[FloatArray, float, float]:
-        """Probabilities of `tested`, of the unknown and of none; `gap` rules none out."""
+        """Probabilities of `tested` (T,), of the unknown and of none; `gap` rules none out."""
         none = -np.inf if gap else self.none
         every = np.concatenate([self.log_weight, [self.unknown, none]])
         share = np.exp(every - logsumexp(every))

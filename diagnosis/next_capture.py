@@ -48,7 +48,7 @@ def next_captures(
         null: its fit without effects.
         extras: what could be measured.
         group: candidates that cannot be told apart, two at least.
-        amplitude: their fitted values in prior scales, turned as in `Scores`.
+        amplitude: their fitted values in prior scales, turned as in `Scores`, shape (k,) each.
     """
     now = _closest(problem, null.jacobian, group, amplitude)
     found = []

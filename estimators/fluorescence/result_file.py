@@ -183,5 +183,5 @@ def _result(tree: DataTree) -> FluorescenceResult:
         messages=tuple(json.loads(told["messages"])),
         statistics=json.loads(told["statistics"]),
         mixture=mixture,
-        **arrays,  # type: ignore[arg-type]
+        **arrays,
     )

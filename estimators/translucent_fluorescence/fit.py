@@ -122,6 +122,8 @@ class FluorescentEstimate:
     def interval(self, name: str) -> tuple[FloatArray, FloatArray]:
         """90 % interval of "sigma_a", "sigma_s_prime", "g", "excitation" or "integrated".
 
+        Shape (W,) each; that of "integrated" is scalar.
+
         Raises:
             InputError: another name.
         """

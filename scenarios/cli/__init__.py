@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli import library, uncertainty, visits
+from scenarios.cli import blind, convert, diagnosis, library, uncertainty, visits
 from scenarios.cli.guard import EXIT_OK, guarded
 from scenarios.instruments.command import register as register_instruments
 from scenarios.predict.command import register as register_predict
@@ -27,6 +27,8 @@ Examples:
   benchtwin estimate visit/ --estimator posterior     draws instead of a table look-up
 
   benchtwin budget visit/                   what to improve first: thickness, white, counts, ...
+
+  benchtwin diagnose visit/ --rounds 3      what the bench's description lacks, and how much
 
   benchtwin spheres phantom.rxt --g 0.9     readings with integrating spheres
 
@@ -73,8 +75,11 @@ def _options(
 
 visits.register(app)
 uncertainty.register(app)
+diagnosis.register(app)
+blind.register(app)
 register_predict(app, guarded)
 register_instruments(app, guarded)
+convert.register(app)
 library.register(app)
 
 

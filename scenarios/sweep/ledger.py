@@ -104,7 +104,11 @@ class Ledger:
             )
 
     def result(self, key: str) -> dict[str, FloatArray] | None:
-        """Arrays of a point, each of its own shape; None when there is no result."""
+        """Arrays of a point, each of its own shape; None when there is no result.
+
+        Raises:
+            InputError: its bytes are damaged.
+        """
         blob = self._blob(key)
         found = None if blob is None else arrays_of_bytes(blob)
         if blob is not None and found is None:

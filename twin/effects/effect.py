@@ -78,6 +78,7 @@ AnyWorld = TypeVar("AnyWorld")
 
 
 def _once(world: Any) -> tuple[str, ...]:
+    """The bench as a whole is the only instance."""
     return ("",)
 
 

@@ -39,6 +39,9 @@ def diagnose(
         list[str] | None,
         typer.Option(metavar="EFFECT", help="Leave an effect out of the catalogue; repeatable."),
     ] = None,
+    dilutions: Annotated[
+        bool, typer.Option(help="The rows of an .rxt file are dilutions of one stock.")
+    ] = False,
     quick: QuickOption = False,
     as_json: JsonOption = False,
     threads: ThreadsOption = None,
@@ -48,7 +51,8 @@ def diagnose(
     """Say where the sim-to-real gap lies, which effect causes it, how far it shrinks.
 
     Writes a report, a JSON file and a bench.toml with what was found, into which the leading
-    effects are accepted with value and uncertainty.
+    effects are accepted with value and uncertainty. Integrating spheres (.rxt) and fluorescence
+    visits get the verdict and the JSON file.
     """
     from scenarios.commands.diagnosis import diagnose_file
     from scenarios.console import Console
@@ -60,6 +64,7 @@ def diagnose(
         report=report,
         rounds=rounds,
         without=without or (),
+        dilutions=dilutions,
         quick=quick,
         threads=threads,
         cache=cache,

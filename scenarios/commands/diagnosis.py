@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scenarios.commands.common import cache_of, digests, said_of, write_json
+from scenarios.commands.diagnosis_other import diagnose_other, fluorescence_visit
 from scenarios.console import Console
 from scenarios.outputs import prepare_file, prepare_folder
 from scenarios.pipeline import appearance_maps
@@ -38,6 +39,7 @@ def diagnose_file(
     report: Path | None = None,
     rounds: int = 1,
     without: Sequence[str] = (),
+    dilutions: bool = False,
     threads: int | None = None,
     cache: Path | None = None,
     quick: bool = False,
@@ -53,6 +55,7 @@ def diagnose_file(
         report: file of the report; None puts it into the folder.
         rounds: diagnoses, at most; after each the leading effect is accepted.
         without: effects that the catalogue shall not have.
+        dilutions: the rows of an .rxt file are dilutions of one stock.
         threads: of the Monte Carlo; the result does not depend on them.
         cache: folder of maps and responses.
         quick: coarse maps and fewer paths.
@@ -72,6 +75,19 @@ def diagnose_file(
     console = console or Console(quiet=True)
     if rounds < 1:
         raise InputError(f"{rounds} rounds", "1 or more", place="--rounds")
+    spheres, visit = path.suffix.lower() == ".rxt", fluorescence_visit(path)
+    if spheres or visit is not None:
+        given = {"--bench": bench, "--report": report, "--rounds": rounds > 1, "--quick": quick}
+        refused = [name for name, value in given.items() if value]
+        refused += ["--dilutions"] if dilutions and not spheres else []
+        return diagnose_other(
+            path, visit, out=out, without=without, dilutions=dilutions, refused=refused,
+            as_json=as_json, console=console,
+        )  # fmt: skip
+    if dilutions:
+        raise InputError(
+            "--dilutions for the translucent bench", "an .rxt file", place="--dilutions"
+        )
     effects = catalogue().without(without)
     measurement = readable(path)
     if bench is not None:
@@ -114,39 +130,11 @@ def readable(path: Path) -> Measurement:
     """A measurement of the translucent bench.
 
     Raises:
-        InputError: it is one of another kind, or cannot be read.
+        InputError: it cannot be read.
     """
     from twin.measurement import read_measurement
 
-    expected = "a visit to the translucent bench: a measurement.nc, or a folder made by hand"
-    if path.suffix.lower() == ".rxt":
-        raise InputError(
-            "readings with integrating spheres", expected, file=path,
-            remedy="This command diagnoses the translucent bench; in Python,"
-            " diagnosis.spheres.diagnose_spheres does spheres."
-            f" `benchtwin spheres {path}` estimates.",
-        )  # fmt: skip
-    try:
-        return read_measurement(path)
-    except InputError:
-        if _is_fluorescence(path):
-            raise InputError(
-                "a visit to the fluorescence bench", expected, file=path,
-                remedy="This command diagnoses the translucent bench; in Python,"
-                " diagnosis.fluorescence.diagnose_fluorescence does this one.",
-            ) from None  # fmt: skip
-        raise
-
-
-def _is_fluorescence(path: Path) -> bool:
-    from twin.fluorescence.visit_file import read_visit
-
-    try:
-        read_visit(path)
-    except InputError as error:
-        # A visit made by hand says what it is by its files, even where one holds a mistake.
-        return (path / "visit.toml").exists() and "visit.toml" not in error.found
-    return True
+    return read_measurement(path)
 
 
 def with_bench(measurement: Measurement, path: Path) -> Measurement:

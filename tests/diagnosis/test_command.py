@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
 import shlex
@@ -191,23 +190,33 @@ def test_an_impossible_bench_is_one_message(
     assert not (tmp_path / "out").exists()
 
 
-def test_other_kinds_of_measurement_are_refused_by_name(tmp_path: Path) -> None:
+def test_what_serves_the_translucent_bench_alone_is_refused_by_name(tmp_path: Path) -> None:
     spheres = tmp_path / "phantom.rxt"
     spheres.write_text("IAD1\n", encoding="utf-8")
-    result = call("diagnose", spheres)
+    result = call("diagnose", spheres, "--rounds", 2, "--out", tmp_path / "out")
     assert result.exit_code == 2
-    assert "integrating spheres" in result.stderr
-    assert "benchtwin spheres" in result.stderr
-    refused = result.stderr
+    assert "found --rounds for spheres" in result.stderr
+    assert not (tmp_path / "out").exists()
+    assert call("diagnose", spheres, "--out", tmp_path / "out").exit_code == 2
     fluorescence = tmp_path / "marker"
     fluorescence.mkdir()
     (fluorescence / "visit.toml").write_text('sample = "marker"\n', encoding="utf-8")
     result = call("diagnose", fluorescence)
     assert result.exit_code == 2
-    assert "fluorescence bench" in result.stderr
-    for name in re.findall(r"diagnosis\.\w+\.\w+", refused + result.stderr):
-        module, _, function = name.rpartition(".")
-        assert callable(getattr(importlib.import_module(module), function))
+    assert "marker" in result.stderr
+
+
+def test_a_fluorescence_visit_gets_its_verdict(tmp_path: Path) -> None:
+    from twin.fluorescence import example, named_setup, simulate_fluorescence, write_visit
+
+    visit = simulate_fluorescence(named_setup("l1-s2"), example("pink_paper"), seed=3)
+    write_visit(visit, tmp_path / "visit.nc")
+    result = call("diagnose", tmp_path / "visit.nc", "--out", tmp_path / "out", "--json", "-q")
+    found = answer(result)
+    assert found["kind"] == "fluorescence"
+    assert found["verdict"] == "no_gap"
+    stored = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert stored["p"] == found["p"]
 
 
 def test_wrong_options_are_one_message(finished: Finished, tmp_path: Path) -> None:

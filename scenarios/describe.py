@@ -28,13 +28,17 @@ KINDS = (
     "reflectances",
     "lamps",
     "refractive_indices",
+    "fluorescence_scenarios",
+    "fluorescence_estimators",
+    "fluorescent_materials",
+    "fluorophores",
 )
 """What `benchtwin list` lists."""
 MAP_ERRORS = ("black_se", "white_se", "collimated_se")
 
 
 def describe(file: str) -> dict[str, Any]:
-    """What a file holds: a measurement, a result, an appearance map or a scenario.
+    """What a file holds: a visit to either bench, a result, an appearance map or a scenario.
 
     Args:
         file: a path, or the name of a built-in scenario.
@@ -42,7 +46,15 @@ def describe(file: str) -> dict[str, Any]:
     Raises:
         InputError: it is none of these, truncated or damaged.
     """
+    from scenarios.fluorescence import facts, is_fluorescence_scenario
+
     path = Path(file)
+    if is_fluorescence_scenario(file):
+        from scenarios.fluorescence import load_scenario as load_fluorescence
+
+        return facts.scenario_facts(file, load_fluorescence(file))
+    if path.exists() and (found := facts.describe_path(path)) is not None:
+        return found
     if path.is_dir():
         return _measurement(path)
     if not path.exists() or path.suffix in (".toml", ".json"):
@@ -206,6 +218,7 @@ def catalogue(kind: str | None = None) -> dict[str, Any]:
         )
     from estimators import names as estimator_names
     from scenarios.estimator_notes import note
+    from scenarios.fluorescence.facts import catalogue as fluorescence_catalogue
     from scenarios.stress.plan import builtin_plans, load_plan
     from twin.materials import names
 
@@ -217,6 +230,7 @@ def catalogue(kind: str | None = None) -> dict[str, Any]:
         "reflectances": lambda: list(names("reflectance")),
         "lamps": lambda: list(names("lamp")),
         "refractive_indices": lambda: list(names("refractive_index")),
+        **fluorescence_catalogue(),
     }
     return {name: make() for name, make in listing.items() if kind in (None, name)}
 

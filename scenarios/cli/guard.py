@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import os
 import sys
 import traceback
 from collections.abc import Callable
@@ -13,6 +14,10 @@ import typer
 
 if TYPE_CHECKING:
     from twin.errors import InputError
+
+# Said before numpy is loaded. Our systems are many and small: on a busy machine the threads of the
+# linear algebra wait for each other, and a Donaldson matrix took forty times as long.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 EXIT_OK = 0
 EXIT_INTERNAL = 1

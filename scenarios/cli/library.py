@@ -41,25 +41,33 @@ def figures(
     names: Annotated[
         list[str] | None, typer.Argument(metavar="NAME", help="Only these, such as figure6.")
     ] = None,
+    chapter: Annotated[
+        int | None, typer.Option(metavar="N", help="4: translucent materials; 5: fluorescent ones.")
+    ] = None,
+    materials: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Chapter 5: .BFC files in place of generated ones."),
+    ] = None,
     seed: SeedOption = None,
     quick: QuickOption = False,
     as_json: JsonOption = False,
     threads: ThreadsOption = None,
     quiet: QuietOption = False,
 ) -> dict[str, Any]:
-    """Make figures 2, 4, 5 and 6 of Iser et al. 2022 again, with this bench."""
+    """Make figures of Iser et al. 2022 (2, 4, 5, 6) or 2023 (7 to 10: --chapter 5) again."""
+    from scenarios.commands.figures import figures_of
     from scenarios.console import Console
-    from scenarios.figures import make_figures
 
-    with Console(quiet=quiet).step("figures") as progress:
-        files = make_figures(out, names or (), quick, seed or 0, threads, progress)
-    return {"files": [str(path) for path in files]}
+    return figures_of(
+        out, names or [], chapter=chapter, materials=materials, quick=quick, seed=seed or 0,
+        threads=threads, console=Console(quiet=quiet),
+    )  # fmt: skip
 
 
 EXAMPLES = (
     ("inspect", inspect, "inspect benchtwin-default/result.nc --json"),
     ("list", list_, "list materials"),
-    ("figures", figures, "figures figures --quick"),
+    ("figures", figures, "figures figures --chapter 5 --quick"),
 )
 
 

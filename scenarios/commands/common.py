@@ -20,7 +20,9 @@ def said_of(source: str | Path) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        builtin = source in builtin_names()
+        from scenarios.fluorescence import builtin_names as fluorescence_names
+
+        builtin = source in (*builtin_names(), *fluorescence_names())
         file = f"built-in scenario {source}" if builtin else source
         raise (error if error.file else error.at(file)) from error
 

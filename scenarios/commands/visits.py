@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from scenarios.commands import fluorescence
 from scenarios.commands.common import (
     cache_of,
     digests,
@@ -55,6 +56,11 @@ def run_scenario(
     Raises:
         InputError: the scenario or the output folder cannot be used.
     """
+    if fluorescence.is_fluorescence(name):
+        return fluorescence.run_fluorescence(
+            name, out=out, estimator=estimator, seed=seed, quick=quick, budget=budget,
+            resume=resume, console=console,
+        )  # fmt: skip
     scenario = _ready(name, estimator, seed=seed, quick=quick)
     if budget:
         check_budget(scenario.estimator)
@@ -90,6 +96,10 @@ def simulate_scenario(
     """
     from scenarios.describe import measurement_facts
 
+    if fluorescence.is_fluorescence(name):
+        return fluorescence.simulate_fluorescence(
+            name, out=out, seed=seed, quick=quick, resume=resume, console=console
+        )
     scenario = _ready(name, None, seed=seed, quick=quick)
     folder = _folder(out, name)
     with said_of(name):
@@ -121,6 +131,7 @@ def estimate_file(
     Raises:
         InputError: the measurement, the settings or the output folder cannot be used.
     """
+    from twin.fluorescence import is_fluorescence_visit
     from twin.measurement import read_measurement
 
     if path.suffix.lower() == ".rxt":
@@ -130,6 +141,11 @@ def estimate_file(
             file=path,
             remedy=f"Use `benchtwin spheres {path}`.",
         )
+    if is_fluorescence_visit(path):
+        return fluorescence.estimate_fluorescence(
+            path, out=out, settings=settings, estimator=estimator, seed=seed, quick=quick,
+            budget=budget, console=console,
+        )  # fmt: skip
     scenario = settings_for_file(settings, estimator, seed, quick=quick)
     if budget:
         check_budget(scenario.estimator)

@@ -74,18 +74,18 @@ def make_figures(
         with style():
             figure, checks[name] = module.draw(results, quick)
             files |= {f"{name}.{kind}": data for kind, data in file_bytes(figure).items()}
-    files[CHECKS] = (canonical_json(_rounded(checks)) + "\n").encode()
+    files[CHECKS] = (canonical_json(rounded(checks)) + "\n").encode()
     for name, data in files.items():
         write_atomically(out / name, data)
     return [out / name for name in files]
 
 
-def _rounded(value: Any) -> Any:
+def rounded(value: Any) -> Any:
     """Floats with five significant digits: more are noise, and fewer change between machines."""
     if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
+        return {key: rounded(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_rounded(item) for item in value]
+        return [rounded(item) for item in value]
     if isinstance(value, float):
         return float(f"{value:.5g}")
     return value

@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scenarios.console import Console
+from scenarios.maps import appearance_maps
 from scenarios.scenario import EstimatorChoice, MapSettings
 from twin.errors import InputError
 
 if TYPE_CHECKING:
     from estimators import BenchModel, EstimateResult, InputUncertainty, UncertaintyBudget
     from twin.appearance import AppearanceMap
-    from twin.bench import Bench, Sample
     from twin.measurement import Measurement, RelativeIntensities
-    from twin.spectra import FloatArray
 
 
 @dataclass(frozen=True)
@@ -208,56 +207,3 @@ def check_estimator(choice: EstimatorChoice) -> None:
         rho_white=np.ones(1),
     )
     make_estimator(choice.name, empty, **choice.options)
-
-
-def appearance_maps(
-    bench: Bench,
-    samples: tuple[Sample, ...],
-    wavelength_nm: FloatArray,
-    settings: MapSettings,
-    *,
-    cache: Path | None,
-    threads: int | None,
-    console: Console,
-) -> tuple[AppearanceMap, ...]:
-    """One map per sample, computed or from the cache.
-
-    Args:
-        bench: around the samples.
-        samples: S of them.
-        wavelength_nm: wavelengths [nm], shape (W,), over which the refractive index is averaged.
-        settings: grid and quality.
-        cache: folder of the maps; None takes the user's.
-        threads: threads of the Monte Carlo.
-        console: is told what happens.
-    """
-    from twin.appearance import MapGrid, appearance_map
-    from twin.materials import refractive_index
-
-    grid = MapGrid.spaced(
-        settings.albedo_count,
-        settings.sigma_t_count,
-        settings.g_count,
-        sigma_range=settings.sigma_t_range_per_mm,
-        g_range=settings.g_range,
-        albedo_top=settings.albedo_top,
-    )
-    maps: dict[tuple[float, float], AppearanceMap] = {}
-    keys = []
-    for sample in samples:
-        n = float(np.mean(refractive_index(sample.n, wavelength_nm)))
-        key = (sample.thickness_mm, n)
-        keys.append(key)
-        if key not in maps:
-            with console.step(f"appearance map of {sample.thickness_mm:g} mm") as progress:
-                maps[key] = appearance_map(
-                    bench,
-                    *key,
-                    grid=grid,
-                    paths=settings.paths,
-                    threads=threads,
-                    folder=cache,
-                    progress=progress,
-                    say=console.say,
-                )
-    return tuple(maps[key].refined() for key in keys)

@@ -177,7 +177,7 @@ def scenario_of(suite: Suite, medium: Mapping[str, Any], *, drift: float = 1.0) 
 def maps_of(suite: Suite, bench: Any, samples: Any) -> tuple[AppearanceMap, ...]:
     """Appearance maps of the described bench, from the user's cache."""
     from scenarios.console import Console
-    from scenarios.pipeline import appearance_maps
+    from scenarios.maps import appearance_maps
 
     settings = MapSettings(
         albedo_count=30, sigma_t_count=30, sigma_t_range_per_mm=(0.3, 20.0), g_count=6,

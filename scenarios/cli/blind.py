@@ -9,7 +9,7 @@ import typer
 
 from scenarios.cli.guard import guarded
 from scenarios.cli.options import JsonOption, QuietOption
-from scenarios.sweep.options import EngineOption, SchedulerOption, WorkersOption
+from scenarios.sweep.options import EngineOption, SchedulerOption, WorkersOption, workers_of
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="FOLDER", help="Of the suite.")]
 
@@ -37,7 +37,7 @@ def make(
     from scenarios.console import Console
 
     suite = Suite(family=family, seed=seed, materials=materials, first=first)
-    hands = _workers(engine, workers, scheduler)
+    hands = workers_of(engine, workers, scheduler)
     return made(suite, folder, workers=hands, console=Console(quiet=quiet))
 
 
@@ -53,7 +53,7 @@ def run(
     from scenarios.blind import run as diagnosed
     from scenarios.console import Console
 
-    hands = _workers(engine, workers, scheduler)
+    hands = workers_of(engine, workers, scheduler)
     return diagnosed(folder, workers=hands, console=Console(quiet=quiet))
 
 
@@ -86,13 +86,6 @@ def score(
     if table is not None:
         write_atomically(table, written(figures).encode())
     return figures
-
-
-def _workers(engine: str | None, count: int, scheduler: str) -> Any:
-    from scenarios.sweep import Workers
-
-    name: Any = engine or ("dask" if scheduler else "joblib" if count > 1 else "serial")
-    return Workers(engine=name, count=count, scheduler=scheduler)
 
 
 EXAMPLES = (

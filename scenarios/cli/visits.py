@@ -22,6 +22,7 @@ from scenarios.cli.options import (
     SettingsOption,
     ThreadsOption,
 )
+from scenarios.sweep.options import EngineOption, SchedulerOption, WorkersOption, workers_of
 
 
 def run(
@@ -114,25 +115,33 @@ def estimate(
 def map_(
     scenario: ScenarioArgument = "default",
     quick: QuickOption = False,
+    engine: EngineOption = None,
+    workers: WorkersOption = 0,
+    scheduler: SchedulerOption = "",
     as_json: JsonOption = False,
     threads: ThreadsOption = None,
     cache: CacheOption = None,
     quiet: QuietOption = False,
 ) -> dict[str, Any]:
-    """Compute the appearance maps of a scenario, so that estimates need not wait for them."""
+    """Compute the appearance maps of a scenario, so that estimates need not wait for them.
+
+    Without workers, this process computes them on all cores. With a Dask scheduler, the parts of
+    the maps are spread over its machines, which may share a cache folder.
+    """
     from scenarios.commands import compute_maps
     from scenarios.console import Console
 
     return compute_maps(
-        scenario, quick=quick, threads=threads, cache=cache, console=Console(quiet=quiet)
-    )
+        scenario, quick=quick, threads=threads, cache=cache, console=Console(quiet=quiet),
+        workers=workers_of(engine, workers, scheduler),
+    )  # fmt: skip
 
 
 EXAMPLES = (
     ("run", run, "run polyjet-cyan --out cyan --estimator least-squares --budget"),
     ("simulate", simulate, "simulate chip --out visit --seed 3"),
     ("estimate", estimate, "estimate visit/ --estimator posterior --out result"),
-    ("map", map_, "map intralipid --cache maps"),
+    ("map", map_, "map intralipid --cache maps --workers 2"),
 )
 
 

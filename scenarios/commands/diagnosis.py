@@ -12,8 +12,8 @@ import numpy as np
 from scenarios.commands.common import cache_of, digests, said_of, write_json
 from scenarios.commands.diagnosis_other import diagnose_other, fluorescence_visit
 from scenarios.console import Console
+from scenarios.maps import appearance_maps
 from scenarios.outputs import prepare_file, prepare_folder
-from scenarios.pipeline import appearance_maps
 from scenarios.scenario import MapSettings
 from twin.errors import InputError
 from twin.files import write_atomically

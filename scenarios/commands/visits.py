@@ -17,10 +17,10 @@ from scenarios.commands.common import (
     write_json,
 )
 from scenarios.console import Console
+from scenarios.maps import appearance_maps
 from scenarios.outputs import prepare_folder
 from scenarios.pipeline import (
     Estimated,
-    appearance_maps,
     check_budget,
     check_estimator,
     estimate_measurement,
@@ -31,6 +31,7 @@ from scenarios.summary import summary_of
 from twin.errors import InputError
 
 if TYPE_CHECKING:
+    from scenarios.sweep import Workers
     from twin.measurement import Measurement
 
 MEASUREMENT, RESULT, TABLE = "measurement.nc", "result.nc", "result.csv"
@@ -172,6 +173,7 @@ def compute_maps(
     threads: int | None = None,
     cache: Path | None = None,
     console: Console,
+    workers: Workers | None = None,
 ) -> dict[str, Any]:
     """Compute a scenario's appearance maps into the cache; returns what they are.
 
@@ -190,6 +192,7 @@ def compute_maps(
         cache=cache,
         threads=threads,
         console=console,
+        workers=workers,
     )
     return {
         "command": "map",

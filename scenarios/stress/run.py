@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scenarios.console import Console, Progress
+from scenarios.maps import appearance_maps
 from scenarios.outputs import prepare_folder
-from scenarios.pipeline import appearance_maps, check_estimator
+from scenarios.pipeline import check_estimator
 from scenarios.stress.design import Design, derived_seed, design_of
 from scenarios.stress.light import light_of
 from scenarios.stress.parts import (

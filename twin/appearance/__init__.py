@@ -6,16 +6,19 @@ serves all albedos, and the map keeps the powers of the backgrounds' reflectance
 map serves every wavelength whatever the backgrounds' spectra.
 """
 
-from twin.appearance.compute import appearance_map, map_key
+from twin.appearance.compute import MAP_VERSION, appearance_map, map_key, map_slab, slab_path
 from twin.appearance.factors import FiniteFactors, finite_captures
 from twin.appearance.grid import MapGrid
 from twin.appearance.table import AppearanceMap
 
 __all__ = [
+    "MAP_VERSION",
     "AppearanceMap",
     "FiniteFactors",
     "MapGrid",
     "appearance_map",
     "finite_captures",
     "map_key",
+    "map_slab",
+    "slab_path",
 ]

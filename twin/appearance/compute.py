@@ -89,24 +89,21 @@ def appearance_map(
     stored = load_arrays(path, say)
     if stored is not None:
         return _from_arrays(stored, key)
-    sample = Sample(name="map", thickness_mm=thickness_mm, n=n)
     total = len(grid.sigma_t_per_mm) * len(grid.g)
     slabs = []
-    for index, g in enumerate(grid.g):
-        part = cache / f"{key}.g{index}.part"
-        slab = load_arrays(part, say)
-        if slab is None:
-            before = index * len(grid.sigma_t_per_mm)
+    for index in range(len(grid.g)):
+        before = index * len(grid.sigma_t_per_mm)
 
-            def report(done: int, _: int, before: int = before) -> None:
-                if progress is not None:
-                    progress(before + done, total)
+        def report(done: int, _: int, before: int = before) -> None:
+            if progress is not None:
+                progress(before + done, total)
 
-            slab = _slab(bench, sample, g, grid, paths, (seed, 2 * before), threads, report)
-            store_arrays(part, slab)
-        elif progress is not None:
-            progress((index + 1) * len(grid.sigma_t_per_mm), total)
-        slabs.append(slab)
+        slabs.append(
+            map_slab(
+                bench, thickness_mm, n, index, grid=grid, paths=paths, seed=seed, threads=threads,
+                folder=cache, progress=report, say=say,
+            )
+        )  # fmt: skip
     arrays = {
         name: np.stack([slab[name] for slab in slabs], axis=2)
         for name in ("black", "white", "collimated", "black_se", "white_se", "collimated_se")
@@ -121,8 +118,66 @@ def appearance_map(
     arrays["g"], arrays["sample"] = np.array(grid.g), np.array([thickness_mm, n])
     store_arrays(path, arrays)
     for index in range(len(grid.g)):
-        (cache / f"{key}.g{index}.part").unlink(missing_ok=True)
+        slab_path(cache, key, index).unlink(missing_ok=True)
     return _from_arrays(arrays, key)
+
+
+def map_slab(
+    bench: Bench,
+    thickness_mm: float,
+    n: float,
+    index: int,
+    *,
+    grid: MapGrid,
+    paths: int,
+    seed: int = 0,
+    threads: int | None = None,
+    folder: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    say: Callable[[str], None] | None = None,
+) -> dict[str, FloatArray]:
+    """All cells of one anisotropy factor of a map, computed or from the cache.
+
+    A map is made of these; machines that share a cache folder can compute them side by side, since
+    files are named by what they hold and replaced whole.
+
+    Args:
+        bench: as for `appearance_map`, like all that is not said here.
+        thickness_mm: of the sample [mm].
+        n: refractive index of the sample.
+        index: which of the grid's anisotropy factors.
+        grid: of the whole map.
+        paths: of the whole map.
+        seed: of the whole map.
+        threads: None takes all processors.
+        folder: cache folder; None takes the user's.
+        progress: called with (done, total) extinction coefficients.
+        say: told in one sentence about a damaged file, which is computed again.
+
+    Returns:
+        arrays over (albedo, sigma_t), some with more axes: what a map keeps.
+
+    Raises:
+        InputError: a folder that cannot be written.
+    """
+    cache = folder or cache_folder("maps")
+    part = slab_path(cache, map_key(bench, thickness_mm, n, grid, paths, seed), index)
+    slab = load_arrays(part, say or (lambda text: None))
+    cells = len(grid.sigma_t_per_mm)
+    report = progress or (lambda done, total: None)
+    if slab is None:
+        sample = Sample(name="map", thickness_mm=thickness_mm, n=n)
+        streams = (seed, 2 * index * cells)
+        slab = _slab(bench, sample, grid.g[index], grid, paths, streams, threads, report)
+        store_arrays(part, slab)
+    else:
+        report(cells, cells)
+    return slab
+
+
+def slab_path(cache: Path, key: str, index: int) -> Path:
+    """The file of one anisotropy factor of the map with this key, until the map is whole."""
+    return cache / f"{key}.g{index}.part"
 
 
 def _nominal_rho(bench: Bench) -> tuple[float, float]:

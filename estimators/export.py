@@ -6,7 +6,6 @@ before, which is checked before the HDF5 library sees a byte. Same estimate, sam
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimators.result import CAPTURES, PARAMETERS, EstimateResult, Status
-from twin.errors import InputError
-from twin.files import read_sealed, write_atomically, write_sealed_tree
+from twin.files import read_sealed_tree, write_atomically, write_sealed_tree
 
 if TYPE_CHECKING:
     from xarray import Dataset, DataTree
@@ -143,25 +141,15 @@ def read_netcdf(path: str | Path) -> EstimateResult:
         InputError: no such file, or one that is foreign, truncated or damaged.
     """
     path = Path(path)
-    body = read_sealed(path, f"a {FORMAT}")
-    import xarray
 
-    try:
-        with xarray.open_datatree(
-            io.BytesIO(body), engine="h5netcdf", decode_times=False, mask_and_scale=False
-        ) as tree:
-            if tree.attrs["title"] != FORMAT or tree.attrs["format_version"] != FORMAT_VERSION:
-                raise ValueError("another title or version")
-            found = {name: child.dataset for name, child in tree.children.items()}
-            return _result(
-                tree.dataset, found["samples"], found.get("statistics"), dict(tree.attrs)
-            )
-    except (KeyError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
-        raise InputError(
-            f"a netCDF-4 file of another make ({type(error).__name__}: {error})",
-            f"a {FORMAT} of version {FORMAT_VERSION}",
-            file=path,
-        ) from error
+    def made(tree: DataTree) -> EstimateResult:
+        if tree.attrs["title"] != FORMAT or tree.attrs["format_version"] != FORMAT_VERSION:
+            raise ValueError("another title or version")
+        found = {name: child.dataset for name, child in tree.children.items()}
+        return _result(tree.dataset, found["samples"], found.get("statistics"), dict(tree.attrs))
+
+    expected = f"a {FORMAT} of version {FORMAT_VERSION}"
+    return read_sealed_tree(path, f"a {FORMAT}", expected, made)
 
 
 def write_csv(result: EstimateResult, path: str | Path) -> Path:

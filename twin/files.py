@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import io
 import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from twin.errors import InputError
 
 if TYPE_CHECKING:
     from xarray import DataTree
+
+Made = TypeVar("Made")
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _SEAL = b"\nbenchtwin-sha256:"
@@ -124,3 +127,48 @@ def read_sealed(path: Path, kind: str) -> bytes:
             remedy="Take it from a copy.",
         )
     return body
+
+
+def read_sealed_tree(
+    path: Path, kind: str, expected: str, make: Callable[[DataTree], Made]
+) -> Made:
+    """What `make` finds in a sealed file's DataTree, which is closed afterwards.
+
+    Args:
+        path: of the file.
+        kind: what a file of this make is called, with its article.
+        expected: format and version, for the message about a file that `make` cannot use.
+        make: raises KeyError, ValueError, TypeError or AttributeError where the tree is another.
+
+    Raises:
+        InputError: no such file, or one that is foreign, truncated or damaged.
+    """
+    body = read_sealed(path, kind)
+    import xarray
+
+    try:
+        with xarray.open_datatree(
+            io.BytesIO(body), engine="h5netcdf", decode_times=False, mask_and_scale=False
+        ) as tree:
+            return make(tree)
+    except InputError as error:
+        if error.file:
+            raise
+        raise error.at(path) from error
+    except (KeyError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
+        raise InputError(
+            f"a netCDF-4 file of another make ({type(error).__name__}: {error})",
+            expected,
+            file=path,
+        ) from error
+
+
+def has_title(path: Path, title: str) -> bool:
+    """Whether a path is a whole, sealed file whose tree has this title."""
+    try:
+        found: bool = read_sealed_tree(
+            path, title, title, lambda tree: bool(tree.attrs.get("title") == title)
+        )
+    except InputError:
+        return False
+    return found

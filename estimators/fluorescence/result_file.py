@@ -6,7 +6,6 @@ SHA-256 of what is before.
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimators.fluorescence.result import FluorescenceResult, FluorescenceStatus
-from twin.errors import InputError
-from twin.files import read_sealed, write_atomically, write_sealed_tree
+from twin.files import has_title, read_sealed_tree, write_atomically, write_sealed_tree
 
 if TYPE_CHECKING:
     from xarray import DataTree
@@ -60,37 +58,19 @@ def read_result(path: str | Path) -> FluorescenceResult:
         InputError: no such file, or one that is foreign, truncated or damaged.
     """
     path = Path(path)
-    body = read_sealed(path, f"a {FORMAT}")
-    import xarray
 
-    try:
-        with xarray.open_datatree(
-            io.BytesIO(body), engine="h5netcdf", decode_times=False, mask_and_scale=False
-        ) as tree:
-            if tree.attrs["title"] != FORMAT or tree.attrs["format_version"] != FORMAT_VERSION:
-                raise ValueError("another title or version")
-            return _result(tree)
-    except (KeyError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
-        raise InputError(
-            f"a netCDF-4 file of another make ({type(error).__name__}: {error})",
-            f"a {FORMAT} of version {FORMAT_VERSION}", file=path,
-        ) from error  # fmt: skip
+    def made(tree: DataTree) -> FluorescenceResult:
+        if tree.attrs["title"] != FORMAT or tree.attrs["format_version"] != FORMAT_VERSION:
+            raise ValueError("another title or version")
+        return _result(tree)
+
+    expected = f"a {FORMAT} of version {FORMAT_VERSION}"
+    return read_sealed_tree(path, f"a {FORMAT}", expected, made)
 
 
 def is_fluorescence_result(path: str | Path) -> bool:
     """Whether a path is a file that `write_result` wrote, by its title."""
-    path = Path(path)
-    try:
-        body = read_sealed(path, f"a {FORMAT}")
-    except InputError:
-        return False
-    import xarray
-
-    try:
-        with xarray.open_datatree(io.BytesIO(body), engine="h5netcdf") as tree:
-            return bool(tree.attrs.get("title") == FORMAT)
-    except (KeyError, ValueError, TypeError, AttributeError, OSError, RuntimeError):
-        return False
+    return has_title(Path(path), FORMAT)
 
 
 def write_cells_csv(result: FluorescenceResult, path: str | Path) -> Path:

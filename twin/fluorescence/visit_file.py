@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twin.errors import InputError
-from twin.files import read_sealed, write_sealed_tree
+from twin.files import has_title, read_sealed_tree, write_sealed_tree
 from twin.fluorescence.donaldson import DonaldsonMatrix
 from twin.fluorescence.setup import FluorescenceSetup
 from twin.fluorescence.visit import FluorescenceShot, FluorescenceVisit
@@ -48,24 +47,8 @@ def read_visit(path: str | Path) -> FluorescenceVisit:
         from twin.fluorescence.visit_folder import read_visit_folder
 
         return read_visit_folder(path)
-    body = read_sealed(path, "a fluorescence visit")
-
-    import xarray
-
-    try:
-        with xarray.open_datatree(
-            io.BytesIO(body), engine="h5netcdf", decode_times=False, mask_and_scale=False
-        ) as tree:
-            return _visit(tree, path)
-    except InputError as error:
-        if error.file:
-            raise
-        raise error.at(path) from error
-    except (KeyError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
-        raise InputError(
-            f"a netCDF-4 file of another make ({type(error).__name__}: {error})",
-            f"a {FORMAT} of version {FORMAT_VERSION}", file=path,
-        ) from error  # fmt: skip
+    expected = f"a {FORMAT} of version {FORMAT_VERSION}"
+    return read_sealed_tree(path, "a fluorescence visit", expected, lambda tree: _visit(tree, path))
 
 
 def is_fluorescence_visit(path: str | Path) -> bool:
@@ -73,22 +56,7 @@ def is_fluorescence_visit(path: str | Path) -> bool:
     path = Path(path)
     if path.is_dir():
         return (path / "visit.toml").is_file()
-    try:
-        with path.open("rb") as file:
-            start = file.read(8)
-        if start != b"\x89HDF\r\n\x1a\n":
-            return False
-        body = read_sealed(path, "a measurement")
-    except (OSError, InputError):
-        return False
-
-    import xarray
-
-    try:
-        with xarray.open_datatree(io.BytesIO(body), engine="h5netcdf") as tree:
-            return bool(tree.attrs.get("title") == FORMAT)
-    except (KeyError, ValueError, TypeError, AttributeError, OSError, RuntimeError):
-        return False
+    return has_title(path, FORMAT)
 
 
 def _text(value: str) -> tuple[tuple[()], Any]:

@@ -7,7 +7,6 @@ library can run for minutes on a file with a few damaged bytes.
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,7 @@ import numpy as np
 
 from twin.bench import Bench, Sample
 from twin.errors import InputError
-from twin.files import read_sealed, write_sealed_tree
+from twin.files import read_sealed_tree, write_sealed_tree
 from twin.measurement.model import (
     Captures,
     Measurement,
@@ -54,25 +53,8 @@ def read_netcdf(path: str | Path) -> Measurement:
         InputError: no such file, or one that is foreign, truncated or damaged.
     """
     path = Path(path)
-    body = read_sealed(path, "a measurement")
-
-    import xarray
-
-    try:
-        with xarray.open_datatree(
-            io.BytesIO(body), engine="h5netcdf", decode_times=False, mask_and_scale=False
-        ) as tree:
-            return _measurement(tree, path)
-    except InputError as error:
-        if error.file:
-            raise
-        raise error.at(path) from error
-    except (KeyError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
-        raise InputError(
-            f"a netCDF-4 file of another make ({type(error).__name__}: {error})",
-            f"a {FORMAT} of version {FORMAT_VERSION}",
-            file=path,
-        ) from error
+    expected = f"a {FORMAT} of version {FORMAT_VERSION}"
+    return read_sealed_tree(path, "a measurement", expected, lambda tree: _measurement(tree, path))
 
 
 def _text(value: str) -> tuple[tuple[()], Any]:

@@ -51,7 +51,7 @@ def test_wedge_is_even() -> None:
 
 
 def test_black_level_adds_what_crosses_the_sample() -> None:
-    """Kubelka 1948, eq. 14: I_black and I_white lie on one curve over rho."""
+    """Kubelka 1954, layers: I_black and I_white lie on one curve over rho."""
     light = engine().intensities(world(), material())
     raised = engine().response(candidates()["black_level"], material(), (0.02,))
     rho = [reflectance(name, WAVELENGTH) for name in ("flocked_paper", "spectralon")]

@@ -63,7 +63,7 @@ LEVEL = Effect(
     place="background",
     title="the black background reflects more or less than stated",
     physics="What crosses the sample comes back from the black: I_black gains about T1 T2 rho.",
-    source="Kubelka 1948, eq. 14: R + T1 rho T2 / (1 - rho R')",
+    source="Kubelka 1954, J. Opt. Soc. Am. 44, 330 (abstract): R + T1 rho T2 / (1 - rho R')",
     parameters=(
         EffectParameter(
             "reflectance", "1", 0.0, 0.005, description="added to the reflectance", limit=0.9
@@ -79,7 +79,7 @@ RED = Effect(
     title="the black background reflects more in the red",
     physics="Dyed papers and cloths are black in the visible alone; their reflectance rises like "
     "a step, here around 640 nm with a width of 20 nm.",
-    source="Marshall et al. 2014, SPIE 9147, 91474F (black materials); Kubelka 1948, eq. 14",
+    source="Marshall et al. 2014, SPIE 9147, 91474F (black materials); Kubelka 1954",
     parameters=(
         EffectParameter(
             "reflectance", "1", 0.0, 0.02, "positive", "reached far in the red", limit=0.9
@@ -95,7 +95,7 @@ AGEING = Effect(
     title="the white background has aged: it reflects less than its certificate says",
     physics="White reference and the capture over white both see it: I_black rises by rho_w "
     "(stated) over rho_w (true), I_white by less. Yellowing falls off from 430 nm with 60 nm.",
-    source="Georgiev and Butler 2007, Appl. Opt. 46, 7892 (ageing of PTFE); Kubelka 1948, eq. 14",
+    source="Georgiev and Butler 2007, Appl. Opt. 46, 7892 (ageing of PTFE); Kubelka 1954",
     parameters=(
         EffectParameter("level", "1", 0.0, 0.01, "positive", "lost at every wavelength", limit=0.5),
         EffectParameter("blue", "1", 0.0, 0.01, "positive", "lost in the blue on top", limit=0.4),

@@ -19,6 +19,7 @@ from scenarios.cli.options import (
     SettingsOption,
     ThreadsOption,
 )
+from scenarios.sweep.options import EngineOption, SchedulerOption, WorkersOption, workers_of
 
 
 def budget(
@@ -92,6 +93,9 @@ def stress(
     quick: QuickOption = False,
     as_json: JsonOption = False,
     threads: ThreadsOption = None,
+    engine: EngineOption = None,
+    workers: WorkersOption = 0,
+    scheduler: SchedulerOption = "",
     cache: CacheOption = None,
     quiet: QuietOption = False,
 ) -> dict[str, Any]:
@@ -110,6 +114,7 @@ def stress(
         points=points,
         estimators=[name.strip() for name in (estimators or "").split(",") if name.strip()],
         threads=threads,
+        workers=workers_of(engine, workers, scheduler),
         cache=cache,
         console=Console(quiet=quiet),
     )

@@ -10,6 +10,7 @@ from scenarios.commands.common import cache_of, said_of
 from scenarios.console import Console
 from scenarios.outputs import prepare_folder
 from scenarios.pipeline import check_estimator
+from scenarios.sweep import Workers
 
 
 def stress_plan(
@@ -21,6 +22,7 @@ def stress_plan(
     points: int | None = None,
     estimators: Sequence[str] = (),
     threads: int | None = None,
+    workers: Workers | None = None,
     cache: Path | None = None,
     console: Console,
 ) -> dict[str, Any]:
@@ -40,7 +42,12 @@ def stress_plan(
     proved = cache_of(cache)
     with said_of(name):
         outcome = run_plan(
-            plan, folder, cache=proved if cache else None, threads=threads, console=console
+            plan,
+            folder,
+            cache=proved if cache else None,
+            threads=threads,
+            workers=workers,
+            console=console,
         )
     with console.step("write the report"):
         return write_outcome(outcome, folder, title)

@@ -32,6 +32,7 @@ from scenarios.strategies.draws import (
     noises,
     problems,
 )
+from scenarios.strategies.effect_worlds import Effects, effects
 from scenarios.strategies.problem import Make, Measured, Noise, Problem, World
 from scenarios.strategies.properties import ALL, Property, PropertyFailed, Trial
 from scenarios.strategies.scale import scaled_bench
@@ -39,6 +40,7 @@ from scenarios.strategies.worlds import fast_engine, monte_carlo
 
 __all__ = [
     "ALL",
+    "Effects",
     "Fault",
     "Make",
     "Measured",
@@ -50,6 +52,7 @@ __all__ = [
     "World",
     "benches",
     "check_estimator",
+    "effects",
     "fast_engine",
     "find_faults",
     "instruments",

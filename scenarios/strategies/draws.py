@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
+from scenarios.strategies.effect_worlds import Effects
 from scenarios.strategies.problem import Measured, Noise, Problem, World
 from scenarios.strategies.worlds import fast_engine
 from twin.bench import COVER_GLASS, Background, Backgrounds, Bench, Detector, Panel
@@ -134,6 +135,7 @@ def problems(
     bench: st.SearchStrategy[Bench] | None = None,
     thickness_mm: st.SearchStrategy[tuple[float, ...]] | None = None,
     material: st.SearchStrategy[FloatArray] | None = None,
+    effects: st.SearchStrategy[Effects] | None = None,
 ) -> Problem:
     """Problems on the default bench with samples of 0.5 and 1 mm, unless told otherwise.
 
@@ -146,6 +148,7 @@ def problems(
         bench: for example `benches()`.
         thickness_mm: thicknesses [mm] of the samples.
         material: for example `materials(optical_depth=(10.0, 20.0))`, shape (W, 3).
+        effects: what is true and not told, for example `effects()`, on the samples above.
     """
     values = draw(materials(wavelengths) if material is None else material)
     return Problem.of(
@@ -154,12 +157,18 @@ def problems(
         thickness_mm=draw(thickness_mm or st.just((0.5, 1.0))),
         noise=draw(noises()),
         seed=draw(st.integers(0, 99)),
+        effects=draw(effects) if effects is not None else None,
     )
 
 
 def measurements(
     problem: st.SearchStrategy[Problem] | None = None, world: World = fast_engine
 ) -> st.SearchStrategy[Measured]:
-    """Relative intensities of problems by an engine: `fast_engine` or `monte_carlo`."""
+    """Relative intensities of problems by an engine: `fast_engine` or `monte_carlo`.
+
+    Args:
+        problem: for example `problems(effects=effects())`, a world that is not as described.
+        world: the engine.
+    """
     drawn = problems() if problem is None else problem
     return drawn.map(lambda found: found.measured(world))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from estimators import BenchModel, Estimator
+from scenarios.strategies.effect_worlds import Effects, captures_with, world_with
 from twin.bench import Bench, Sample
 from twin.measurement.relative import RelativeIntensities
 from twin.spectra import FloatArray
@@ -75,6 +76,7 @@ class Problem:
         material: albedo, sigma_t [1/mm] and g, shape (W, 3).
         noise: of the captures.
         seed: of the noise: the same seed gives the same deviates at every noise level.
+        effects: what is true and not told, see `scenarios.strategies.effect_worlds`.
     """
 
     bench: Bench
@@ -83,6 +85,7 @@ class Problem:
     material: FloatArray
     noise: Noise = Noise()
     seed: int = 0
+    effects: Effects = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -94,6 +97,7 @@ class Problem:
         n: float = 1.5,
         noise: Noise | None = None,
         seed: int = 0,
+        effects: Effects | None = None,
     ) -> Problem:
         """A problem from plain numbers, wavelengths from 500 nm on, 10 nm apart or less.
 
@@ -104,6 +108,7 @@ class Problem:
             n: refractive index of the samples.
             noise: None takes 1 %.
             seed: of the noise.
+            effects: such as {"thickness[0.5 mm]": {"relative": 0.02}}; None: as described.
         """
         values = np.asarray(material, dtype=np.float64)
         samples = tuple(
@@ -112,12 +117,24 @@ class Problem:
         )
         step = min(10.0, 200.0 / len(values))
         wavelength = 500.0 + step * np.arange(len(values), dtype=np.float64)
-        return cls(bench or Bench(), samples, wavelength, values, noise or Noise(), seed)
+        return cls(
+            bench or Bench(), samples, wavelength, values, noise or Noise(), seed, effects or {}
+        )
 
     def measured(self, world: World) -> Measured:
-        """The visit: exact captures of a world, and noise on them."""
+        """The visit: exact captures of a world, and noise on them.
+
+        Effects change the world; the measurement and its corrections follow the description.
+
+        Raises:
+            InputError: effects that cannot be, or that the world's engine does not show.
+        """
         model = BenchModel.of(self.bench, self.samples, self.wavelength_nm)
-        exact = np.asarray(world(model, self.material), dtype=np.float64)
+        true = world_with(self.bench, self.samples, self.effects) if self.effects else None
+        if true is None or not true.applied:
+            exact = np.asarray(world(model, self.material), dtype=np.float64)
+        else:
+            exact = captures_with(world, true, self.wavelength_nm, self.material)
         one = np.maximum(self.noise.relative * np.abs(exact), self.noise.floor)
         sigma = one / np.sqrt(self.noise.averages)
         random = np.random.Generator(np.random.Philox(key=[self.seed, 0x6B6974]))
@@ -145,6 +162,8 @@ class Problem:
         ]
         thickness = [sample.thickness_mm for sample in self.samples]
         lines += [f"thickness_mm={thickness}", f"n={self.samples[0].n}", f"{self.noise}"]
+        if self.effects:
+            lines.append(f"effects={dict(self.effects)}")
         if self.bench != Bench():
             lines.append(f"{self.bench!r}")
         return f"Problem({', '.join([*lines, f'seed={self.seed}'])})"

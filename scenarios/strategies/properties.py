@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators import PARAMETERS, EstimateResult, Estimator, Status
+from scenarios.strategies.effect_worlds import world_with
 from scenarios.strategies.problem import Make, Measured, Noise, Problem, World
 from scenarios.strategies.scale import scaled_bench
 from twin.errors import InputError
@@ -19,6 +20,8 @@ from twin.spectra import FloatArray
 
 SIGMAS = 5.5
 """Stated standard errors beyond which a wrong answer is a confident one."""
+MISLED = 2.0
+"""Times as far off before a misled answer counts: a misfit is said only where it shows."""
 TWICE = 2.0
 """A power of two: scaled lengths are exact, so that only the estimator can differ."""
 
@@ -263,6 +266,28 @@ def says_when_thickness_is_missing(trial: Trial, problem: Problem) -> None:
         raise PropertyFailed("a sample without a thickness is used without a word")
 
 
+def says_when_misled(trial: Trial, problem: Problem) -> None:
+    """The thickest sample half as thick again as stated: no answer far from the truth is OK.
+
+    No material explains all samples then. An answer may bear with it (wide intervals), or say so.
+    It is the thickest because that may be too dense to tell anything: what is left is right then.
+    """
+    thickest = int(np.argmax([sample.thickness_mm for sample in problem.samples]))
+    key = world_with(problem.bench, problem.samples, {}).sample_keys[thickest]
+    thicker = {f"thickness[{key}]": {"relative": 0.5}}
+    measured = trial.measured(replace(problem, effects=thicker))
+    result = trial.estimate(measured)
+    unsaid = _claims(result) & (result.status == Status.OK)[:, None]
+    wrong = unsaid & _off(trial, result, measured.truth, MISLED * SIGMAS)
+    if wrong.any():
+        w, k = np.argwhere(wrong)[0]
+        raise PropertyFailed(
+            f"a sample 50 % thicker than stated: {PARAMETERS[k]} is said to be "
+            f"{result.parameters[w, k]:.5g} +- {result.standard_error[w, k]:.2g}, is "
+            f"{measured.truth[w, k]:.5g}, and the status is OK"
+        )
+
+
 def intervals_cover(trial: Trial, problem: Problem) -> None:
     """Intervals of 50 and 90 % hold the truth as often as they say, and not when noise is hidden.
 
@@ -350,11 +375,18 @@ def _same(
         )
 
 
-def _near(trial: Trial, result: EstimateResult, truth: FloatArray) -> None:
+def _off(
+    trial: Trial, result: EstimateResult, truth: FloatArray, sigmas: float
+) -> NDArray[np.bool_]:
+    """Values further from the truth than that, beyond what is forgiven, shape (W, 3)."""
     scale = np.stack([np.ones(len(truth)), truth[:, 1], np.ones(len(truth))], axis=-1)
     with np.errstate(invalid="ignore"):
-        allowed = SIGMAS * result.standard_error + np.array(trial.slack) * scale + 1e-9
-        wrong = _claims(result) & ~(np.abs(result.parameters - truth) <= allowed)
+        allowed = sigmas * result.standard_error + np.array(trial.slack) * scale + 1e-9
+        return np.asarray(~(np.abs(result.parameters - truth) <= allowed))
+
+
+def _near(trial: Trial, result: EstimateResult, truth: FloatArray) -> None:
+    wrong = _claims(result) & _off(trial, result, truth, SIGMAS)
     if wrong.any():
         w, k = np.argwhere(wrong)[0]
         raise PropertyFailed(
@@ -400,6 +432,7 @@ ALL: tuple[Property, ...] = tuple(
         says_when_not_a_number,
         says_when_contradictory,
         says_when_transmittance_above_one,
+        says_when_misled,
         says_when_no_noise_is_stated,
         says_when_thickness_is_missing,
     )

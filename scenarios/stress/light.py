@@ -50,10 +50,9 @@ def light_of(
     light: Light,
     *,
     seed: int,
+    second_lobe: tuple[float, float] = (0.0, 0.0),
     folder: Path | None = None,
     threads: int | None = None,
-    progress: Callable[[float, float], None] | None = None,
-    say: Callable[[str], None] = lambda text: None,
 ) -> NoiselessCaptures:
     """Noiseless captures of W materials, one at each wavelength, computed or from the cache.
 
@@ -64,10 +63,9 @@ def light_of(
         material: (albedo, sigma_t [1/mm], g) at each wavelength, shape (W, 3).
         light: standard error to reach, and the most paths.
         seed: the same seed gives the same bytes, whatever the number of threads.
+        second_lobe: share and anisotropy factor of the phase function's second lobe.
         folder: of the cache; None computes without one.
         threads: None takes all processors.
-        progress: called with (done, total).
-        say: told about damaged files, which are computed again.
 
     Raises:
         InputError: a spectrum of the bench does not cover a wavelength.
@@ -76,20 +74,18 @@ def light_of(
     from twin.transport import NoiselessCaptures, reference_factor
     from twin.transport.geometry import reference_plane_mm
 
-    groups = _groups(bench, sample, wavelength_nm, material)
+    groups = _groups(bench, sample, wavelength_nm, material, second_lobe)
     rho = tuple(
         reflectance(background.reflectance, wavelength_nm)
         for background in (bench.background.black, bench.background.white)
     )
-    key = light_key(bench, sample, wavelength_nm, material, light, seed)
+    key = light_key(bench, sample, wavelength_nm, material, light, seed, second_lobe)
     path = folder / f"{key}.light" if folder is not None else None
-    found = load_arrays(path, say) if path is not None else None
+    found = load_arrays(path, lambda text: None) if path is not None else None
     if found is None:
-        found = _traced(bench, groups, material[:, 0], rho, light, seed, threads, progress)
+        found = _traced(bench, groups, material[:, 0], rho, light, seed, threads)
         if path is not None:
             store_arrays(path, found)
-    elif progress is not None:
-        progress(1.0, 1.0)
     factor = reference_factor(bench, reference_plane_mm(bench, groups[0].stack.height))
     return NoiselessCaptures(
         wavelength_nm=wavelength_nm,
@@ -107,6 +103,7 @@ def light_key(
     material: FloatArray,
     light: Light,
     seed: int,
+    second_lobe: tuple[float, float] = (0.0, 0.0),
 ) -> str:
     """Content key of the light: everything that it depends on, the engine by its version."""
     from twin.appearance.compute import MAP_VERSION
@@ -124,18 +121,23 @@ def light_key(
             "material": material.tolist(),
             "light": light.model_dump(mode="json"),
             "seed": seed,
+            **({"second_lobe": second_lobe} if second_lobe[0] else {}),
         }
     )
 
 
 def _groups(
-    bench: Bench, sample: Sample, wavelength_nm: FloatArray, material: FloatArray
+    bench: Bench,
+    sample: Sample,
+    wavelength_nm: FloatArray,
+    material: FloatArray,
+    second_lobe: tuple[float, float],
 ) -> list[_Group]:
     from twin.materials import OpticalProperties
     from twin.transport import flat_stacks
 
     albedo, sigma_t, g = material.T
-    medium = OpticalProperties(wavelength_nm, albedo, sigma_t, g, None)
+    medium = OpticalProperties(wavelength_nm, albedo, sigma_t, g, None, *second_lobe)
     stacks = flat_stacks(bench, sample, wavelength_nm, medium)
     alike: dict[bytes, list[int]] = {}
     for index, stack in enumerate(stacks):
@@ -152,7 +154,6 @@ def _traced(
     light: Light,
     seed: int,
     threads: int | None,
-    progress: Callable[[float, float], None] | None,
 ) -> dict[str, FloatArray]:
     """Arrays of `FIELDS`, shape (W,) each."""
     from twin.transport import run_many
@@ -164,7 +165,7 @@ def _traced(
             bench, group.stack, albedo[mine], rho[0][mine], rho[1][mine], light, own
         )
 
-    found = run_many([job(i, group) for i, group in enumerate(groups)], threads, progress)
+    found = run_many([job(i, group) for i, group in enumerate(groups)], threads)
     table = np.empty((len(FIELDS), len(albedo)))
     for group, values in zip(groups, found, strict=True):
         table[:, group.index] = values

@@ -1,52 +1,76 @@
-"""The finished parts of a stress test: their keys, how they are stored, and all of them together.
+"""The points of a stress test as a sweep sees them, and all their results together.
 
-One part is one estimator on one visit at one noise level: a file of arrays under a content key of
-everything that its values depend on, the source of the program included.
+One point is one estimator on one visit at one noise level with one set of effects: everything that
+its values depend on, the source of the program included.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from scenarios.code import code_of
 from scenarios.stress.design import Design
-from scenarios.stress.plan import Contender, StressPlan
+from scenarios.stress.plan import NONE, StressPlan
 from scenarios.stress.score import COVERAGES, RAISED, Answers
-from twin.cache import content_key, load_arrays, store_arrays
-from twin.files import write_atomically
 from twin.spectra import FloatArray
 
 if TYPE_CHECKING:
     from estimators import EstimateResult
     from scenarios.stress.simulate import Taken
 
-CHUNK_VERSION = 1
-SOURCES = ("twin", "estimators", "scenarios.simulate", "scenarios.stress.simulate")
-"""Packages and modules on whose source every part depends."""
+SOURCES = (
+    "twin",
+    "estimators",
+    "scenarios.simulate",
+    "scenarios.light_between",
+    "scenarios.worlds",
+    "scenarios.stress.effects",
+    "scenarios.stress.light",
+    "scenarios.stress.simulate",
+    "scenarios.stress.world_light",
+)
+"""Packages and modules on whose source every result depends."""
+
+
+class Setting(NamedTuple):
+    """A world of the test: one bench at one noise level with one set of effects."""
+
+    bench: str
+    noise: float
+    effects: str = NONE
 
 
 class Case(NamedTuple):
-    """What is scored together: one estimator on one bench at one noise level."""
+    """What is scored together: one estimator in one setting."""
 
     bench: str
     noise: float
     estimator: str
+    effects: str = NONE
+
+    @property
+    def setting(self) -> Setting:
+        """Where the estimator was tried."""
+        return Setting(self.bench, self.noise, self.effects)
 
 
 @dataclass(frozen=True)
-class Chunk:
-    """One estimator on one visit at one noise level: what is stored as one file."""
+class Piece:
+    """One estimator on one visit in one setting: one point of the sweep.
+
+    Attributes:
+        case: what it is scored with.
+        visit: number of the visit.
+        point: all that its answer depends on, as JSON holds it.
+    """
 
     case: Case
-    contender: Contender
     visit: int
-    path: Path
+    point: Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +82,7 @@ class Outcome:
         design: the points.
         answers: what every estimator said of them, in the order of the design.
         light_share: standard error of the simulated light in units of the whole standard error,
-            by bench and noise level, shape (N, S, 3).
+            by setting, shape (N, S, 3).
         relative_sigma: standard errors of the intensities in units of their value, likewise.
         seconds: [s] per 1000 wavelengths, median over visits, by case.
         raised: sentences about estimators that raised an exception.
@@ -67,75 +91,76 @@ class Outcome:
     plan: StressPlan
     design: Design
     answers: Mapping[Case, Answers]
-    light_share: Mapping[tuple[str, float], FloatArray]
-    relative_sigma: Mapping[tuple[str, float], FloatArray]
+    light_share: Mapping[Setting, FloatArray]
+    relative_sigma: Mapping[Setting, FloatArray]
     seconds: Mapping[Case, float]
     raised: tuple[str, ...]
 
 
-def chunks_of(plan: StressPlan, design: Design, parts: Path) -> Iterator[Chunk]:
-    """Every part of a plan in the order in which it is done, each with its path in `parts`."""
-    for bench_name, bench in plan.benches.items():
-        shared = {
-            "version": CHUNK_VERSION,
-            "bench": bench.model_dump(mode="json"),
-            **plan.model_dump(
-                mode="json", include={"seed", "n", "thickness_mm", "protocol", "light", "map"}
-            ),
-        }
-        for visit in range(design.visits):
-            material = design.material[design.visit == visit].tolist()
-            for level in plan.noise:
-                for contender in plan.estimators:
-                    own = {
-                        "visit": visit,
-                        "material": material,
-                        "spectra": plan.materials.spectra,
-                        "noise": level,
-                        "estimator": contender.name,
-                        "options": contender.options,
-                        "code": code_of(*SOURCES, _home(contender.name)),
-                    }
-                    key = content_key(shared | own)
-                    case = Case(bench_name, level, contender.title)
-                    yield Chunk(case, contender, visit, parts / f"{key}.part")
+def light_points(plan: StressPlan, design: Design) -> list[dict[str, Any]]:
+    """Every visit's light, sample by sample, as points of a sweep."""
+    code = code_of(*SOURCES)
+    return [
+        {**visit, "sample": number, "code": code}
+        for _, _, _, visit in _visits(plan, design)
+        for number in range(len(plan.thickness_mm))
+    ]
 
 
-def store_part(path: Path, arrays: Mapping[str, FloatArray], taken: Taken, seconds: float) -> None:
-    """Store what is kept of a result and of its visit, and beside it the time [s] it took.
+def pieces_of(plan: StressPlan, design: Design) -> list[Piece]:
+    """Every point of a plan in the order in which it is done."""
+    own = {name: plan.model_dump(mode="json")[name] for name in ("protocol", "map")}
+    codes = {each.name: code_of(*SOURCES, _home(each.name)) for each in plan.estimators}
+    return [
+        Piece(
+            Case(bench, level, contender.title, effects),
+            number,
+            {
+                **visit,
+                **own,
+                "noise": level,
+                "estimator": contender.name,
+                "options": contender.options,
+                "code": codes[contender.name],
+            },
+        )
+        for bench, effects, number, visit in _visits(plan, design)
+        for level in plan.noise
+        for contender in plan.estimators
+    ]
 
-    Args:
-        path: of the part.
-        arrays: from `arrays_of`, W wavelengths first: shape (W, ...).
-        taken: the visit.
-        seconds: what the estimator took.
 
-    Raises:
-        InputError: the folder cannot be written.
-    """
-    arrays = dict(arrays)
-    value, sigma = taken.intensities.value, taken.intensities.sigma
-    with np.errstate(invalid="ignore", divide="ignore"):
-        arrays["relative_sigma"] = (sigma / np.abs(value)).transpose(2, 0, 1)
-    arrays["light_share"] = taken.light_share.transpose(2, 0, 1)
-    # The time first: a part that is there has its time.
-    write_atomically(_time_path(path), f'{{"seconds": {seconds:.6f}}}\n'.encode())
-    store_arrays(path, arrays)
+def _visits(plan: StressPlan, design: Design) -> Iterator[tuple[str, str, int, dict[str, Any]]]:
+    """Bench, effects, number of the visit, and what its light depends on."""
+    shared = plan.model_dump(mode="json", include={"seed", "n", "thickness_mm", "light"})
+    described = plan.model_dump(mode="json", include={"benches"})["benches"]
+    for bench in plan.benches:
+        for effects in (NONE, *plan.effects):
+            for number in range(design.visits):
+                material = design.material[design.visit == number].tolist()
+                own = {"visit": number, "material": material, "spectra": plan.materials.spectra}
+                # A list keeps the order in which the effects happen; JSON objects are sorted.
+                if effects != NONE:
+                    own["effects"] = [list(pair) for pair in plan.effects[effects].items()]
+                yield bench, effects, number, {"bench": described[bench], **shared, **own}
 
 
-def arrays_of(result: EstimateResult, count: int) -> dict[str, FloatArray]:
-    """What is kept of a result, W wavelengths first.
+def arrays_of(result: EstimateResult, taken: Taken) -> dict[str, FloatArray]:
+    """What is kept of a result and of its visit, W wavelengths first.
 
     Raises:
         ValueError: arrays of another shape than the protocol's.
     """
+    value, sigma = taken.intensities.value, taken.intensities.sigma
+    count = value.shape[-1]
     interval = np.full((len(COVERAGES), 2, count, 3), np.nan)
     for index, coverage in enumerate(COVERAGES):
         try:
             interval[index] = result.interval(coverage)
         except ValueError:  # the estimator stores no such quantiles: no interval is stated
             continue
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore"):
+        relative_sigma = (sigma / np.abs(value)).transpose(2, 0, 1)
         found = {
             "value": result.parameters,
             "sigma": result.standard_error,
@@ -145,28 +170,46 @@ def arrays_of(result: EstimateResult, count: int) -> dict[str, FloatArray]:
     for name, array in found.items():
         if len(array) != count or array.ndim != 2:
             raise ValueError(f"{name} of shape {array.shape} for {count} wavelengths")
-    return {**found, "interval": interval.transpose(2, 0, 1, 3)}
+    return {
+        **found,
+        "interval": interval.transpose(2, 0, 1, 3),
+        "relative_sigma": relative_sigma,
+        "light_share": taken.light_share.transpose(2, 0, 1),
+    }
 
 
 def outcome_of(
-    plan: StressPlan, design: Design, chunks: list[Chunk], raised: tuple[str, ...]
+    plan: StressPlan,
+    design: Design,
+    pieces: Sequence[Piece],
+    results: Iterable[Mapping[str, FloatArray] | None],
+    seconds: Sequence[float],
+    raised: tuple[str, ...],
 ) -> Outcome:
-    """Everything together; a part that is not there counts as an estimator that raised."""
-    answers: dict[Case, Answers] = {}
-    share: dict[tuple[str, float], FloatArray] = {}
-    sigma: dict[tuple[str, float], FloatArray] = {}
-    seconds: dict[Case, float] = {}
-    by_case: dict[Case, list[Chunk]] = {}
-    for chunk in chunks:
-        by_case.setdefault(chunk.case, []).append(chunk)
+    """Everything together; a piece without a result counts as an estimator that raised.
+
+    Args:
+        plan: what was run.
+        design: its points.
+        pieces: from `pieces_of`.
+        results: of every piece, in their order; None where its estimator raised.
+        seconds: that its estimator took [s]; NaN where it is not known.
+        raised: sentences about estimators that raised.
+    """
+    size = np.bincount(design.visit)
     shape = (len(plan.thickness_mm), 3)
-    for case, mine in by_case.items():
-        size = [int((design.visit == chunk.visit).sum()) for chunk in mine]
-        loaded = [load_arrays(chunk.path, lambda text: None) for chunk in mine]
-        whole = [
-            found if found is not None else _nothing(count, shape)
-            for found, count in zip(loaded, size, strict=True)
-        ]
+    tables: dict[Case, list[Mapping[str, FloatArray]]] = {}
+    rates: dict[Case, list[float]] = {}
+    for piece, found, time in zip(pieces, results, seconds, strict=True):
+        count = int(size[piece.visit])
+        own = _nothing(count, shape) if found is None else found
+        tables.setdefault(piece.case, []).append(own)
+        if found is not None:
+            rates.setdefault(piece.case, []).append(time / count)
+    answers: dict[Case, Answers] = {}
+    share: dict[Setting, FloatArray] = {}
+    sigma: dict[Setting, FloatArray] = {}
+    for case, whole in tables.items():
         table = {name: np.concatenate([one[name] for one in whole]) for name in whole[0]}
         answers[case] = Answers(
             value=table["value"],
@@ -175,17 +218,14 @@ def outcome_of(
             identifiable=table["identifiable"] > 0,
             status=table["status"][:, 0].astype(np.int64),
         )
-        world = (case.bench, case.noise)
         for target, name in ((share, "light_share"), (sigma, "relative_sigma")):
-            if world not in target or np.isnan(target[world]).all():
-                target[world] = table[name]
-        rates = [
-            _seconds(chunk.path) / count
-            for chunk, count, found in zip(mine, size, loaded, strict=True)
-            if found is not None
-        ]
-        seconds[case] = 1000.0 * float(np.median(rates)) if rates else float("nan")
-    return Outcome(plan, design, answers, share, sigma, seconds, raised)
+            if case.setting not in target or np.isnan(target[case.setting]).all():
+                target[case.setting] = table[name]
+    median = {
+        case: 1000.0 * float(np.median(rates[case])) if case in rates else float("nan")
+        for case in tables
+    }
+    return Outcome(plan, design, answers, share, sigma, median, raised)
 
 
 def _nothing(count: int, shape: tuple[int, int]) -> dict[str, FloatArray]:
@@ -199,17 +239,6 @@ def _nothing(count: int, shape: tuple[int, int]) -> dict[str, FloatArray]:
         "light_share": np.full((count, *shape), np.nan),
         "relative_sigma": np.full((count, *shape), np.nan),
     }
-
-
-def _time_path(path: Path) -> Path:
-    return path.with_suffix(".seconds.json")
-
-
-def _seconds(path: Path) -> float:
-    try:
-        return float(json.loads(_time_path(path).read_text(encoding="utf-8"))["seconds"])
-    except (OSError, ValueError, KeyError):  # the time of a part is no result: it may be missing
-        return float("nan")
 
 
 def _home(name: str) -> str:

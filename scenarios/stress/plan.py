@@ -7,7 +7,13 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from scenarios.scenario import QUICK_MAP, EstimatorChoice, MapSettings, Protocol
 from twin.bench import Bench
@@ -18,6 +24,12 @@ from twin.toml import load_toml, near_misses, parse_table, read_text, validate
 QUICK_POINTS = 64
 QUICK_LIGHT = {"relative_error": 0.003, "most_paths": 1 << 17}
 """What --quick changes in the simulated light."""
+
+
+NONE = "none"
+"""Name of the case without effects, which every plan has."""
+EffectValues = float | dict[str, float]
+"""Value of an effect with one parameter, or values by parameter."""
 
 
 class Contender(EstimatorChoice):
@@ -113,6 +125,10 @@ class StressPlan(Part):
     """Noise levels: multiples of the standard deviations of the bench's instrument and lamps."""
     benches: dict[str, Bench] = Field(default_factory=lambda: {"bench": Bench()})
     """Benches by name: tables, or paths of bench.toml files; every point is tried on each."""
+    effects: dict[str, dict[str, EffectValues]] = Field(default_factory=dict)
+    """What is true and not told to the estimators, by a name of your own: effects of
+    `twin.effects` at one place each, such as "thickness[0.4 mm]", with their values. Every point is
+    tried with each entry, and without any."""
     protocol: Protocol = Protocol()
     points_per_visit: int = Field(default=64, ge=2, le=1000)
     """Wavelengths of one simulated visit: each carries another material, or a point of the visit's
@@ -144,6 +160,29 @@ class StressPlan(Part):
         if not value or min(value) < 0.01 or max(value) > 100 or len(set(value)) < len(value):
             raise ValueError(f"found {value}; expected different factors from 0.01 to 100")
         return value
+
+    @field_validator("effects")
+    @classmethod
+    def _entries(
+        cls, value: dict[str, dict[str, EffectValues]]
+    ) -> dict[str, dict[str, EffectValues]]:
+        for name, entry in value.items():
+            if name in ("", NONE):
+                raise ValueError(
+                    f"found an entry called {name!r}; expected another name: the case without"
+                    " effects is always there"
+                )
+            if not entry:
+                raise ValueError(f"found nothing in {name!r}; expected one effect or more")
+        return value
+
+    @model_serializer(mode="wrap")
+    def _plain(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A plan without effects is stored as it was before there were any."""
+        data: dict[str, Any] = handler(self)
+        if not data.get("effects", True):
+            del data["effects"]
+        return data
 
     @model_validator(mode="after")
     def _spectrometers(self) -> StressPlan:
@@ -208,7 +247,8 @@ def load_plan(name_or_path: str | Path) -> StressPlan:
     """Read a plan: a built-in one by name, any other by the path of its TOML file.
 
     Raises:
-        InputError: no such plan, or a file that does not describe one.
+        InputError: no such plan, or a file that does not describe one; an effect that no visit
+            can hold.
     """
     name = str(name_or_path)
     known = builtin_plans()
@@ -226,6 +266,8 @@ def load_plan(name_or_path: str | Path) -> StressPlan:
 
 
 def _plan(text: str, file: object, folder: Path | None) -> StressPlan:
+    from scenarios.stress.effects import check_effects
+
     data = parse_table(text, file=file)
     benches = data.get("benches")
     if isinstance(benches, dict):
@@ -237,7 +279,9 @@ def _plan(text: str, file: object, folder: Path | None) -> StressPlan:
         data["estimators"] = [
             {"name": entry} if isinstance(entry, str) else entry for entry in estimators
         ]
-    return validate(data, StressPlan, file=file)
+    plan = validate(data, StressPlan, file=file)
+    check_effects(plan, file)
+    return plan
 
 
 def _bench(entry: Any, place: str, file: object, folder: Path | None) -> Any:

@@ -11,7 +11,9 @@ import numpy as np
 
 from scenarios.report.build import flattened
 from scenarios.simulate import software
-from scenarios.stress.parts import Case, Outcome
+from scenarios.stress.cost_report import cost_sections, entry_rows
+from scenarios.stress.parts import Case, Outcome, Setting
+from scenarios.stress.plan import NONE
 from scenarios.stress.plots import draw_coverage, draw_errors, draw_heat
 from scenarios.stress.ranking import ranking
 from scenarios.stress.score import PARAMETERS, Answers, Score, errors_of, status_name
@@ -41,17 +43,21 @@ def render(outcome: Outcome, scores: Mapping[Case, Score], name: str) -> str:
     )
     style = resources.files("scenarios.report").joinpath("style.css").read_text("utf-8")
     worlds = [
-        _world(outcome, scores, *world, number=i) for i, world in enumerate(worlds_of(outcome))
+        _world(outcome, scores, setting, number=i) for i, setting in enumerate(worlds_of(outcome))
     ]
     return template.render(
         style=Markup(style),
         title=outcome.plan.title,
         worlds=worlds,
+        costs=cost_sections(outcome, scores),
+        entries=entry_rows(outcome.plan),
         points=len(outcome.design),
         thicknesses=", ".join(f"{t:g}" for t in outcome.plan.thickness_mm),
         verdict=_verdict(worlds),
         raised=outcome.raised,
-        settings=flattened(outcome.plan.model_dump(mode="json", exclude={"benches", "title"})),
+        settings=flattened(
+            outcome.plan.model_dump(mode="json", exclude={"benches", "title", "effects"})
+        ),
         benches=flattened(outcome.plan.model_dump(mode="json", include={"benches"})),
         software=software(),
         command=f"benchtwin stress {name} --seed {outcome.plan.seed}",
@@ -59,18 +65,16 @@ def render(outcome: Outcome, scores: Mapping[Case, Score], name: str) -> str:
 
 
 def _world(
-    outcome: Outcome, scores: Mapping[Case, Score], bench: str, noise: float, *, number: int
+    outcome: Outcome, scores: Mapping[Case, Score], setting: Setting, *, number: int
 ) -> dict[str, Any]:
-    """What the template shows of one bench at one noise level."""
+    """What the template shows of one bench at one noise level with one set of effects."""
     from markupsafe import Markup
 
     truth = outcome.design.material
     answers = {
-        case.estimator: own
-        for case, own in outcome.answers.items()
-        if (case.bench, case.noise) == (bench, noise)
+        case.estimator: own for case, own in outcome.answers.items() if case.setting == setting
     }
-    mine = {title: scores[Case(bench, noise, title)] for title in answers}
+    mine = {case.estimator: own for case, own in scores.items() if case.setting == setting}
     thin = min(outcome.plan.thickness_mm)
     ceilings = tuple(
         _ceiling([np.abs(errors_of(truth, a.value))[a.claimed[:, i], i] for a in answers.values()])
@@ -82,7 +86,7 @@ def _world(
     ]
     return {
         "id": f"world{number}",
-        "name": f"Bench “{bench}”, noise × {noise:g}",
+        "name": _name(outcome, setting),
         "ranking": [_rank_row(row, mine[row["estimator"]]) for row in ranking(mine)],
         "scores": [_score_row(t, p, s) for t, score in mine.items() for p, s in _parts(score)],
         "statuses": [(title, _counts(score)) for title, score in mine.items()],
@@ -90,8 +94,15 @@ def _world(
         "coverage": Markup(draw_coverage(mine, f"coverage{number}")),
         "heats": heats,
         "worst": _worst(truth, answers),
-        "light": light_facts(outcome, bench, noise),
+        "light": light_facts(outcome, *setting),
     }
+
+
+def _name(outcome: Outcome, setting: Setting) -> str:
+    text = f"Bench “{setting.bench}”, noise × {setting.noise:g}"
+    if not outcome.plan.effects:
+        return text
+    return f"{text}, {'no effects' if setting.effects == NONE else f'with “{setting.effects}”'}"
 
 
 def _verdict(worlds: list[dict[str, Any]]) -> list[str]:

@@ -6,7 +6,7 @@ corrections are those of every simulated visit (`scenarios.simulate`, `twin.meas
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,12 +16,14 @@ from scenarios.scenario import Scenario
 from scenarios.simulate import noisy_visits
 from scenarios.stress.design import derived_seed
 from scenarios.stress.plan import StressPlan
+from scenarios.worlds import world_visits
 from twin.bench import Bench, Sample
 from twin.spectra import FloatArray
 from twin.toml import validate
 
 if TYPE_CHECKING:
-    from twin.measurement import RelativeIntensities
+    from twin.effects import World
+    from twin.measurement import Measurement, RelativeIntensities
     from twin.transport import NoiselessCaptures
 
 
@@ -99,6 +101,7 @@ def take(
     light: Sequence[NoiselessCaptures],
     *,
     seed: int,
+    world: World | None = None,
 ) -> Taken:
     """Simulate the noisy visits and correct them.
 
@@ -113,6 +116,7 @@ def take(
         material: (albedo, sigma_t [1/mm], g) at each wavelength, shape (W, 3).
         light: noiseless captures of every sample.
         seed: of lamps and noise.
+        world: what is true, whose light it is; None: as described.
 
     Raises:
         InputError: the instrument cannot take the protocol's captures.
@@ -123,14 +127,25 @@ def take(
     scenario = _scenario(plan, bench, samples, material)
     seeds = [derived_seed(seed, index) for index in range(len(material))]
     if plan.materials.spectra:
-        intensities = relative_intensities(next(noisy_visits(scenario, light, seeds[:1])))
+        intensities = relative_intensities(next(_visits(scenario, light, seeds[:1], world)))
     else:
-        every = [relative_intensities(m) for m in noisy_visits(scenario, light, seeds)]
+        every = [relative_intensities(m) for m in _visits(scenario, light, seeds, world)]
         intensities = _joined(every)
     own = np.stack([[each.black_se, each.white_se, each.collimated_se] for each in light])
     with np.errstate(invalid="ignore", divide="ignore"):
         light_share = np.asarray(own / intensities.sigma)
     return Taken(bench, samples, intensities, light_share)
+
+
+def _visits(
+    scenario: Scenario,
+    light: Sequence[NoiselessCaptures],
+    seeds: Sequence[int],
+    world: World | None,
+) -> Iterator[Measurement]:
+    if world is None or not world.applied:
+        return noisy_visits(scenario, light, seeds)
+    return world_visits(scenario, world, light, seeds)
 
 
 def _joined(every: Sequence[RelativeIntensities]) -> RelativeIntensities:

@@ -11,7 +11,9 @@ import numpy as np
 
 from scenarios.outputs import canonical_json, file_digest
 from scenarios.simulate import software
-from scenarios.stress.parts import Case, Outcome
+from scenarios.stress.cost import costs_of
+from scenarios.stress.parts import Case, Outcome, Setting
+from scenarios.stress.plan import NONE
 from scenarios.stress.ranking import ranking
 from scenarios.stress.score import COVERAGES, PARAMETERS, Score, score_of, status_name
 from twin.files import write_atomically
@@ -28,18 +30,20 @@ def scores_of(outcome: Outcome) -> dict[Case, Score]:
     return {case: score_of(truth, answers) for case, answers in outcome.answers.items()}
 
 
-def worlds_of(outcome: Outcome) -> list[tuple[str, float]]:
-    """Benches and noise levels, in the order of the plan."""
-    return list(dict.fromkeys((case.bench, case.noise) for case in outcome.answers))
+def worlds_of(outcome: Outcome) -> list[Setting]:
+    """Benches, noise levels and effects, those of one bench and level together."""
+    settings = list(dict.fromkeys(case.setting for case in outcome.answers))
+    order = list(dict.fromkeys((each.bench, each.noise) for each in settings))
+    return sorted(settings, key=lambda each: order.index((each.bench, each.noise)))
 
 
-def light_facts(outcome: Outcome, bench: str, noise: float) -> dict[str, Any]:
+def light_facts(outcome: Outcome, bench: str, noise: float, effects: str = NONE) -> dict[str, Any]:
     """By capture: the noise, and how much of it is the error of the simulated light.
 
     Medians over points and samples; the share also at its 90 % quantile.
     """
-    share = outcome.light_share[bench, noise]
-    sigma = outcome.relative_sigma[bench, noise]
+    setting = Setting(bench, noise, effects)
+    share, sigma = outcome.light_share[setting], outcome.relative_sigma[setting]
     return {
         capture: {
             "median_relative_standard_error": _quantile(sigma[..., index], 0.5),
@@ -60,9 +64,11 @@ def write_outcome(outcome: Outcome, folder: Path, name: str) -> dict[str, Any]:
 
     scores = scores_of(outcome)
     plan = outcome.plan.model_dump(mode="json")
-    worlds = [_world(outcome, scores, *world) for world in worlds_of(outcome)]
+    worlds = [_world(outcome, scores, setting) for setting in worlds_of(outcome)]
+    costs = [cost.plain() for cost in costs_of(outcome, scores)]
+    told = {"effects": costs} if costs else {}
     _write(folder / POINTS, points_csv(outcome))
-    _write(folder / SCORES, canonical_json({"worlds": worlds}) + "\n")
+    _write(folder / SCORES, canonical_json({"worlds": worlds, **told}) + "\n")
     _write(folder / PLAN, canonical_json(plan) + "\n")
     _write(folder / REPORT, render(outcome, scores, name))
     summary = {
@@ -72,14 +78,15 @@ def write_outcome(outcome: Outcome, folder: Path, name: str) -> dict[str, Any]:
         "software": software(),
         "points": len(outcome.design),
         "worlds": [
-            {key: world[key] for key in ("bench", "noise", "ranking", "light")} for world in worlds
+            {key: value for key, value in world.items() if key != "estimators"} for world in worlds
         ],
+        **told,
         "raised": list(outcome.raised),
         "files": {file: file_digest(folder / file) for file in (POINTS, SCORES, PLAN, REPORT)},
     }
     _write(folder / SUMMARY, canonical_json(summary) + "\n")
     seconds = [
-        {"bench": case.bench, "noise": case.noise, "estimator": case.estimator, "seconds": value}
+        {**_named(outcome, case.setting), "estimator": case.estimator, "seconds": value}
         for case, value in outcome.seconds.items()
     ]
     _write(folder / TIMING, canonical_json({"seconds_per_1000_wavelengths": seconds}) + "\n")
@@ -88,7 +95,8 @@ def write_outcome(outcome: Outcome, folder: Path, name: str) -> dict[str, Any]:
 
 def points_csv(outcome: Outcome) -> str:
     """One row for every point and case: truth, estimate, stated error, intervals, status."""
-    header = ["bench", "noise", "estimator", "point", "visit", "status"]
+    effects = bool(outcome.plan.effects)
+    header = ["bench", "noise", *["effects"] * effects, "estimator", "point", "visit", "status"]
     for parameter in PARAMETERS:
         header += [f"{parameter}_true", parameter, f"{parameter}_se", f"{parameter}_identifiable"]
         for coverage in COVERAGES:
@@ -99,7 +107,8 @@ def points_csv(outcome: Outcome) -> str:
     truth, visit = outcome.design.material, outcome.design.visit
     for case, answers in outcome.answers.items():
         for point in range(len(answers)):
-            row: list[object] = [case.bench, f"{case.noise:g}", case.estimator, point, visit[point]]
+            row: list[object] = [case.bench, f"{case.noise:g}", *[case.effects] * effects]
+            row += [case.estimator, point, visit[point]]
             row.append(status_name(int(answers.status[point])))
             for index in range(len(PARAMETERS)):
                 row += [_number(truth[point, index]), _number(answers.value[point, index])]
@@ -110,15 +119,20 @@ def points_csv(outcome: Outcome) -> str:
     return text.getvalue()
 
 
-def _world(outcome: Outcome, scores: dict[Case, Score], bench: str, noise: float) -> dict[str, Any]:
-    mine = {c.estimator: s for c, s in scores.items() if (c.bench, c.noise) == (bench, noise)}
+def _world(outcome: Outcome, scores: dict[Case, Score], setting: Setting) -> dict[str, Any]:
+    mine = {c.estimator: score for c, score in scores.items() if c.setting == setting}
     return {
-        "bench": bench,
-        "noise": noise,
+        **_named(outcome, setting),
         "ranking": ranking(mine),
         "estimators": {title: score.plain() for title, score in mine.items()},
-        "light": light_facts(outcome, bench, noise),
+        "light": light_facts(outcome, *setting),
     }
+
+
+def _named(outcome: Outcome, setting: Setting) -> dict[str, Any]:
+    """Bench, noise level and, where the plan has any, effects."""
+    effects = {"effects": setting.effects} if outcome.plan.effects else {}
+    return {"bench": setting.bench, "noise": setting.noise, **effects}
 
 
 def _number(value: float) -> str:

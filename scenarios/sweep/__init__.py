@@ -6,7 +6,8 @@ same bytes; a killed sweep goes on where it was.
 """
 
 from scenarios.sweep.ledger import Failure, Ledger
-from scenarios.sweep.run import Sweep, sweep
+from scenarios.sweep.run import Sweep, finished, sweep
+from scenarios.sweep.task import Timed
 from scenarios.sweep.workers import Engine, Workers
 
-__all__ = ["Engine", "Failure", "Ledger", "Sweep", "Workers", "sweep"]
+__all__ = ["Engine", "Failure", "Ledger", "Sweep", "Timed", "Workers", "finished", "sweep"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +44,12 @@ class Sweep:
             for key in self.keys:
                 yield ledger.result(key)
 
+    def seconds(self) -> list[float]:
+        """Time [s] that every point took, in order; NaN where it was not tried."""
+        with Ledger(self.ledger) as ledger:
+            known = ledger.seconds(self.keys)
+        return [known.get(key, math.nan) for key in self.keys]
+
 
 def sweep(
     task: str,
@@ -53,6 +60,7 @@ def sweep(
     workers: Workers | None = None,
     console: Console | None = None,
     title: str = "sweep",
+    aside: Mapping[str, Any] | None = None,
 ) -> Sweep:
     """Call a task at every point that has no result yet.
 
@@ -64,6 +72,8 @@ def sweep(
         workers: who works; None: this process.
         console: is told how far it is.
         title: what the work is called.
+        aside: what every point is given on top and no result may depend on, such as the folder of
+            a cache.
 
     Raises:
         InputError: the task cannot be imported, the ledger cannot be written or is in use, or the
@@ -71,10 +81,9 @@ def sweep(
     """
     function_of(task)
     workers, console = workers or Workers(), console or Console(quiet=True)
-    texts = tuple(canonical_json(dict(point), indent=None) for point in points)
+    texts, keys = _keyed(task, points, version)
     if not texts:
         raise InputError("no point", "one point or more", place=title)
-    keys = tuple(content_key({"task": task, "version": version, "point": text}) for text in texts)
     number_of = {key: number for number, key in reversed(list(enumerate(keys)))}
     with Ledger(folder / LEDGER) as ledger:
         done = ledger.done(keys)
@@ -84,7 +93,8 @@ def sweep(
             console.say(f"{title}: {len(done)} of {len(number_of)} points are there already")
         if missing:
             with console.step(title) as progress:
-                answers = workers.answers(task, missing, console.say)
+                jobs = [(n, _with(points[n], text, aside)) for n, text in missing]
+                answers = workers.answers(task, jobs, console.say)
                 for count, answer in enumerate(answers, 1):
                     ledger.write(keys[answer.number], texts[answer.number], answer)
                     progress(count, len(missing))
@@ -95,3 +105,27 @@ def sweep(
             if key not in have
         )
         return Sweep(folder / LEDGER, keys, texts, failures, ledger.digest(keys))
+
+
+def finished(task: str, points: Sequence[Mapping[str, Any]], folder: Path, *, version: str) -> bool:
+    """Whether a sweep would have nothing left to do; arguments as of `sweep`.
+
+    Raises:
+        InputError: the ledger cannot be read or is in use.
+    """
+    _, keys = _keyed(task, points, version)
+    with Ledger(folder / LEDGER) as ledger:
+        return len(ledger.done(keys)) == len(set(keys))
+
+
+def _keyed(
+    task: str, points: Sequence[Mapping[str, Any]], version: str
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Points as canonical JSON, and their keys."""
+    texts = tuple(canonical_json(dict(point), indent=None) for point in points)
+    given = ({"task": task, "version": version, "point": text} for text in texts)
+    return texts, tuple(content_key(each) for each in given)
+
+
+def _with(point: Mapping[str, Any], text: str, aside: Mapping[str, Any] | None) -> str:
+    return canonical_json({**point, **aside}, indent=None) if aside else text

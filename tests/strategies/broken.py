@@ -212,4 +212,18 @@ class OneBadWavelengthSpoilsAll(Broken):
         return replace(result, status=status, albedo=nothing, sigma_t_per_mm=nothing, g=nothing)
 
 
+class HidesThatSamplesDisagree(Broken):
+    found_by = ("says_when_misled",)
+
+    def after(self, result: EstimateResult, given: RelativeIntensities) -> EstimateResult:
+        torn = result.status == Status.INCONSISTENT
+        widened = np.where(torn, result.statistics["disagreement_sigma"], 1.0)[:, None, None]
+        return replace(
+            result,
+            covariance=result.covariance / widened**2,
+            identifiable=result.identifiable | torn[:, None],
+            status=np.where(torn, Status.OK, result.status).astype(np.int8),
+        )
+
+
 ALL_BROKEN = tuple(Broken.__subclasses__())

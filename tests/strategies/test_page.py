@@ -38,6 +38,10 @@ def test_the_example_with_strategies_runs(tmp_path: Path) -> None:
     example()
 
 
+def test_the_example_with_effects_runs(tmp_path: Path) -> None:
+    run(3, tmp_path)["test_two_percent_of_thickness_are_not_more_of_sigma_t"]()
+
+
 def test_the_table_is_complete() -> None:
     rows = re.findall(r"^\| `(\w+)` \| (.*) \|$", PAGE.read_text(encoding="utf-8"), re.M)
     assert [row for row in rows if row[1][0].isupper() and row[1].endswith(".")] == [

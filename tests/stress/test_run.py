@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from estimators import registry
 from scenarios.stress.parts import Case
-from scenarios.stress.run import CHUNKS, run_plan
-from scenarios.stress.tables import TIMING, write_outcome
+from scenarios.stress.plan import StressPlan
+from scenarios.stress.run import SWEEP, run_plan
+from scenarios.stress.tables import TIMING, points_csv, write_outcome
+from scenarios.sweep import Ledger, Workers
+from scenarios.sweep.run import LEDGER
+from scenarios.sweep.task import Answer
 from tests.stress.tiny import tiny_plan
 from twin.errors import InputError
 
 PLAN = tiny_plan(estimators=[{"name": "beer"}, {"name": "toy"}], noise=[1.0, 3.0])
 PARTS = 8  # two visits, two noise levels, two estimators
+LIT = 2  # two visits of one sample
 
 
 @pytest.fixture(autouse=True)
@@ -33,50 +40,79 @@ def files(folder: Path) -> dict[str, bytes]:
     """Contents of an output folder, but for the times."""
     return {
         path.name: path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and "seconds" not in path.name and path.name != TIMING
+        for path in sorted(folder.iterdir())
+        if path.is_file() and path.name != TIMING
     }
 
 
-class Killed(Exception):
+def written(plan: StressPlan, folder: Path, **options: Any) -> dict[str, bytes]:
+    """A plan is run and its files are written."""
+    write_outcome(run_plan(plan, folder, **options), folder, "tiny")
+    return files(folder)
+
+
+class Killed(BaseException):
     """What stops a run in the tests."""
 
 
-def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(tmp_path: Path, cache: Path):
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
-    write_outcome(run_plan(PLAN, whole, cache=cache, threads=1), whole, "tiny")
-    stored: list[Path] = []
+@pytest.fixture
+def answered(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Keys of the answers in the order in which they are kept."""
+    kept: list[str] = []
+    own = Ledger.write
 
-    def kill(path: Path) -> None:
-        stored.append(path)
-        if len(stored) == 3:
+    def write(self: Ledger, key: str, point: str, answer: Answer) -> None:
+        own(self, key, point, answer)
+        if '"estimator"' in point:
+            kept.append(key)
+
+    monkeypatch.setattr(Ledger, "write", write)
+    return kept
+
+
+def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+):
+    whole = written(PLAN, tmp_path / "whole", cache=cache, threads=1)
+    broken = tmp_path / "broken"
+    own, kept = Ledger.write, []
+
+    def kill(self: Ledger, key: str, point: str, answer: Answer) -> None:
+        own(self, key, point, answer)
+        kept.append(key)
+        if len(kept) == LIT + 3:
             raise Killed
 
+    monkeypatch.setattr(Ledger, "write", kill)
     with pytest.raises(Killed):
-        run_plan(PLAN, broken, cache=tmp_path / "cache", threads=2, stored=kill)
-    assert len(list((broken / CHUNKS).glob("*.part"))) == 3
-    resumed: list[Path] = []
-    outcome = run_plan(PLAN, broken, cache=tmp_path / "cache", threads=2, stored=resumed.append)
-    write_outcome(outcome, broken, "tiny")
-    assert len(resumed) == PARTS - 3
-    assert not set(resumed) & set(stored)
-    assert files(broken) == files(whole)
+        run_plan(PLAN, broken, cache=tmp_path / "cache", threads=2)
+    with Ledger(broken / SWEEP / LEDGER) as ledger:
+        assert ledger.done(kept) == set(kept)
+    assert written(PLAN, broken, cache=tmp_path / "cache", threads=2) == whole
+    # Nothing was lost and nothing was done twice.
+    assert len(set(kept)) == len(kept) == LIT + PARTS
     # The check can fail: another seed ends with other bytes.
-    other = tmp_path / "other"
     changed = PLAN.model_copy(update={"seed": 2})
-    write_outcome(run_plan(changed, other, cache=cache), other, "tiny")
-    assert files(other)["points.csv"] != files(whole)["points.csv"]
+    other = run_plan(changed, tmp_path / "other", cache=cache)
+    assert points_csv(other).encode() != whole["points.csv"]
 
 
-def test_a_damaged_part_is_computed_again(tmp_path: Path, cache: Path):
-    first: list[Path] = []
-    run_plan(PLAN, tmp_path, cache=cache, stored=first.append)
-    before = first[0].read_bytes()
-    first[0].write_bytes(before[:-7])
-    again: list[Path] = []
-    run_plan(PLAN, tmp_path, cache=cache, stored=again.append)
-    assert again == [first[0]]
-    assert first[0].read_bytes() == before
+def test_what_is_there_is_not_done_again(tmp_path: Path, cache: Path, answered: list[str]):
+    few = PLAN.model_copy(update={"estimators": PLAN.estimators[:1]})
+    run_plan(few, tmp_path, cache=cache)
+    assert len(answered) == PARTS // 2
+    run_plan(PLAN, tmp_path, cache=cache)
+    assert len(set(answered)) == len(answered) == PARTS
+
+
+def test_workers_give_the_same_bytes(tmp_path: Path, cache: Path):
+    plan = PLAN.model_copy(update={"estimators": PLAN.estimators[:1], "noise": (1.0,)})
+    two = Workers(engine="joblib", count=2)
+    alone = run_plan(plan, tmp_path / "alone", cache=cache)
+    # Maps by workers are tested with the maps; the light is traced anew.
+    shutil.copytree(cache, tmp_path / "cache", ignore=shutil.ignore_patterns("*.light"))
+    together = run_plan(plan, tmp_path / "two", cache=tmp_path / "cache", workers=two)
+    assert points_csv(together) == points_csv(alone)
 
 
 def test_an_estimator_that_raises_is_a_failure_and_the_others_go_on(tmp_path: Path, cache: Path):
@@ -105,3 +141,14 @@ def test_an_unknown_estimator_stops_before_any_work(tmp_path: Path):
     with pytest.raises(InputError, match="nobody"):
         run_plan(plan, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_visit_that_cannot_be_simulated_is_no_estimators_fault(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def dark(*_: object, **__: object) -> None:
+        raise InputError("a lamp too bright", "one that the instrument can read")
+
+    monkeypatch.setattr("scenarios.stress.task.take", dark)
+    with pytest.raises(InputError, match="a lamp too bright; expected one that"):
+        run_plan(tiny_plan(seed=5), tmp_path, cache=cache)

@@ -101,12 +101,22 @@ def test_a_beam_outside_the_acceptance_is_refused_and_half_a_beam_is_half() -> N
 
     bench = BARE.model_copy(update={"beam": Beam(divergence_deg=1.0, tilt_deg=1.0)})
     lens = 2.0 / 3.0 - math.sqrt(3.0) / (2.0 * math.pi)
-    assert beam_reference_share(bench, 1.0) == pytest.approx(lens, abs=0.01)
+    assert beam_reference_share(bench, 1.0) == pytest.approx(lens, abs=2e-4)
     tiny = BARE.model_copy(update={"beam": Beam(divergence_deg=0.7, tilt_deg=1e-9)})
     whole = BARE.model_copy(update={"beam": Beam(divergence_deg=0.7)})
     assert beam_reference_share(tiny, 1.0) == beam_reference_share(whole, 1.0) == 1.0
     clear = captures(bench, SAMPLE, NOMINAL, properties=medium(1.0, albedo=0.0), paths=2**15)
     assert clear.collimated[0] == pytest.approx(0.96**2 * math.exp(-1.0), rel=0.02)
+
+
+def test_a_cone_wider_than_the_acceptance_is_collected_by_solid_angle() -> None:
+    from twin.transport.geometry import beam_reference_share
+
+    accepted = math.sin(math.radians(BARE.detector.acceptance_deg)) ** 2
+    for divergence in (1.01, 1.5, 4.56, 6.0):
+        bench = BARE.model_copy(update={"beam": Beam(divergence_deg=divergence)})
+        expected = accepted / math.sin(math.radians(divergence)) ** 2
+        assert beam_reference_share(bench, 1.0) == pytest.approx(expected, rel=1e-9)
 
 
 # gloss

@@ -20,7 +20,7 @@ from twin.spectra import FloatArray
 from twin.transport import flat_stacks, run_many
 from twin.transport.engine import bounce_bins
 
-MAP_VERSION = 6
+MAP_VERSION = 7
 NOMINAL_NM = 550.0
 
 

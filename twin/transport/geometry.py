@@ -13,6 +13,8 @@ from twin.spectra import FloatArray
 from twin.transport.engine import Outline, PanelShape, Setup
 
 UNBOUNDED = 1.0e18
+QUADRATURE = 128
+"""Nodes along every axis of the beam that the empty bench collects."""
 
 
 def panel_shape(panel: Panel) -> PanelShape:
@@ -194,41 +196,37 @@ def beam_setup(bench: Bench) -> Setup:
 def beam_reference_share(bench: Bench, stack_height_mm: float) -> float:
     """Share of the beam's power that the detector collects on the empty bench.
 
-    A beam of half-angle d that leaves a disc of radius a at the bottom of the (absent) stack
-    arrives at z = 0 on a disc blurred by d; directions beyond the acceptance are not
-    collected. Deterministic midpoint quadrature over radius, direction and azimuth.
+    A beam of half-angle d (even in solid angle of its projection) that leaves a disc of radius a
+    at the bottom of the (absent) stack arrives at z = 0 on a disc blurred by d; directions beyond
+    the acceptance are not collected. Midpoint quadrature over the radius and the directions that
+    are accepted; what is accepted on a ring of directions, and what of a circle of starting points
+    hits the spot, are closed forms, so that the share has no steps.
     """
-    if bench.beam.tilt_deg != 0.0:
-        return _tilted_reference_share(bench, stack_height_mm)
     a, spot = bench.beam.diameter_mm / 2, bench.detector.spot_beam_mm / 2
-    divergence = math.radians(bench.beam.divergence_deg)
+    divergence, tilt = math.radians(bench.beam.divergence_deg), math.radians(bench.beam.tilt_deg)
     acceptance = math.radians(bench.detector.acceptance_deg)
-    if a + stack_height_mm * math.tan(divergence) <= spot and divergence <= acceptance:
+    farthest = divergence + abs(tilt)
+    if a + stack_height_mm * math.tan(farthest) <= spot and farthest <= acceptance:
         return 1.0
-    grid: FloatArray = (np.arange(200) + 0.5) / 200
-    radius = a * np.sqrt(grid)[:, None, None]
-    sine = math.sin(divergence) * np.sqrt(grid)[None, :, None]
-    azimuth = math.pi * grid[None, None, :]
-    shift = stack_height_mm * sine / np.sqrt(1.0 - sine**2)
-    reach = radius**2 + shift**2 + 2 * radius * shift * np.cos(azimuth)
-    collected = (reach <= spot**2) & (sine <= math.sin(acceptance) + 1e-12)
-    return float(collected.mean())
-
-
-def _tilted_reference_share(bench: Bench, stack_height_mm: float) -> float:
-    """`beam_reference_share` of a tilted beam: both azimuths count."""
-    spot = bench.detector.spot_beam_mm / 2
-    tilt = math.radians(bench.beam.tilt_deg)
-    grid: FloatArray = (np.arange(32) + 0.5) / 32
-    radius = bench.beam.diameter_mm / 2 * np.sqrt(grid)[:, None, None, None]
-    place = 2.0 * math.pi * grid[None, :, None, None]
-    sine = math.sin(math.radians(bench.beam.divergence_deg)) * np.sqrt(grid)[None, None, :, None]
-    azimuth = 2.0 * math.pi * grid[None, None, None, :]
+    outermost = min(math.sin(divergence), math.sin(min(acceptance + abs(tilt), math.pi / 2)))
+    grid: FloatArray = (np.arange(QUADRATURE) + 0.5) / QUADRATURE
+    sine = outermost * np.sqrt(grid)[:, None]
     cosine = np.sqrt(1.0 - sine**2)
-    along = math.cos(tilt) * sine * np.cos(azimuth) + math.sin(tilt) * cosine
-    across = sine * np.sin(azimuth)
-    up = math.cos(tilt) * cosine - math.sin(tilt) * sine * np.cos(azimuth)
-    x = radius * np.cos(place) + stack_height_mm * along / up
-    y = radius * np.sin(place) + stack_height_mm * across / up
-    accepted = up >= math.cos(math.radians(bench.detector.acceptance_deg)) - 1e-12
-    return float(((x**2 + y**2 <= spot**2) & accepted).mean())
+    # Of a ring of directions around the axis, those from `first` on rise steeply enough.
+    leaning = math.sin(tilt) * sine
+    room = math.cos(tilt) * cosine - math.cos(acceptance) + 1e-12
+    first = np.arccos(np.clip(room / np.maximum(np.abs(leaning), 1e-300), -1.0, 1.0))
+    azimuth = first + (math.pi - first) * grid
+    up = math.cos(tilt) * cosine - np.abs(leaning) * np.cos(azimuth)
+    shift = stack_height_mm * np.sqrt(1.0 - up**2) / up
+    inside = _share_of_circles(a * np.sqrt(grid), shift[..., None], spot).mean(axis=(1, 2))
+    collected = float(np.mean((1.0 - first[:, 0] / math.pi) * inside))
+    return collected * (outermost / math.sin(divergence)) ** 2 if divergence else collected
+
+
+def _share_of_circles(radius: FloatArray, shift: FloatArray, spot: float) -> FloatArray:
+    """Share of a circle around the axis that lies in the spot once it is shifted sideways."""
+    product = 2.0 * radius * shift
+    room = spot**2 - radius**2 - shift**2
+    share: FloatArray = 1.0 - np.arccos(np.clip(room / np.maximum(product, 1e-300), -1, 1)) / np.pi
+    return share

@@ -107,9 +107,12 @@ def diagnose(
         posterior = refine(problem, null, posterior, prior)
         best = posterior.fits.get(posterior.best, null)
         refused = tuple(
-            NotIdentifiable(problem.candidates[i].name, f"its fit failed: {words}", float("nan"))
+            NotIdentifiable(
+                " with ".join(problem.candidates[i].name for i in h),
+                f"{'its fit' if len(h) == 1 else 'their common fit'} failed: {words}",
+                float("nan"),
+            )
             for h, words in posterior.failed.items()
-            for i in h
         )
         common = replace(common, not_identifiable=common.not_identifiable + refused)
     else:

@@ -52,6 +52,11 @@ def separations(scores: Scores, amplitude: dict[int, FloatArray] | None = None) 
     """
     given = amplitude or {}
     count = len(scores.columns)
+    alone = np.array([i for i, own in enumerate(scores.columns) if len(own) == 1], dtype=int)
+    several = [i for i, own in enumerate(scores.columns) if len(own) > 1]
+    column = np.array([scores.columns[i][0] for i in alone], dtype=int)
+    size = np.maximum(np.diag(scores.gram)[column], 1e-300)
+    one_sided = scores.positive[column]
     strength, separation = np.zeros(count), np.zeros((count, count))
     for i, own in enumerate(scores.columns):
         block = scores.gram[np.ix_(own, own)]
@@ -60,10 +65,17 @@ def separations(scores: Scores, amplitude: dict[int, FloatArray] | None = None) 
             total = float(vector @ block @ vector)
             strength[i] = max(strength[i], np.sqrt(max(total, 0.0)))
         # The largest separation over signs would hide a look-alike; the smallest never does.
-        for j, other in enumerate(scores.columns):
-            if i != j:
-                rest = [_distance(scores, own, vector, other) for vector in vectors]
-                separation[i, j] = min(rest)
+        rests = []
+        for vector in vectors:
+            rest = np.zeros(count)
+            total = float(vector @ block @ vector)
+            cross = scores.gram[column][:, list(own)] @ vector
+            alike = np.where(one_sided & (cross <= 0), 0.0, cross**2 / size)
+            rest[alone] = np.sqrt(np.maximum(total - alike, 0.0))
+            rest[several] = [_distance(scores, own, vector, scores.columns[j]) for j in several]
+            rests.append(rest)
+        separation[i] = np.min(rests, axis=0)
+        separation[i, i] = 0.0
     return Separations(strength, separation)
 
 
@@ -79,15 +91,11 @@ def _vectors(given: FloatArray | None, block: FloatArray, positive: np.ndarray) 
 def _distance(
     scores: Scores, own: tuple[int, ...], vector: FloatArray, other: tuple[int, ...]
 ) -> float:
+    """Distance of a point from the span of several columns."""
     block = scores.gram[np.ix_(own, own)]
     cross = scores.gram[np.ix_(other, own)] @ vector
     total = float(vector @ block @ vector)
-    if len(other) == 1 and scores.positive[other[0]] and cross[0] <= 0:
-        return float(np.sqrt(max(total, 0.0)))
     inner = scores.gram[np.ix_(other, other)]
-    if len(other) == 1:
-        alike = float(cross[0]) ** 2 / max(float(inner[0, 0]), 1e-300)
-        return float(np.sqrt(max(total - alike, 0.0)))
     explained = cross @ np.linalg.pinv(inner, rcond=1e-10, hermitian=True) @ cross
     return float(np.sqrt(max(total - float(explained), 0.0)))
 

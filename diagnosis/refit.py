@@ -20,6 +20,10 @@ from twin.spectra import FloatArray
 STEPS = 8
 """Gauss-Newton steps at most."""
 HALVINGS = 5
+RETREATS = 20
+"""Halvings of a step that leads to worlds the twin cannot make, beside the others."""
+SHORTER = (1.0, 0.25, 1.0 / 16.0, 1.0 / 64.0)
+"""Steps that a slope is taken with, where the twin has no answer at the longer ones."""
 SETTLED = 0.05
 """Chi-square that a further step may still gain."""
 CURVED = 0.5
@@ -100,6 +104,9 @@ def fit(
             `problem.material`.
         signatures: data per unit of each parameter of the hypothesis at the start, (K, W, M);
             None takes the problem's.
+
+    Raises:
+        ArithmeticError: the twin has no finite answer where the fit leads, or no finite slopes.
     """
     chosen = [problem.candidates[index] for index in hypothesis]
     own = [column for index in hypothesis for column in problem.columns[index]]
@@ -121,6 +128,8 @@ def fit(
         return reduction.misfit(data - prediction) + float(np.sum((at / loose) ** 2))
 
     now, converged = objective(predicted, value), False
+    if not np.isfinite(now):
+        raise ArithmeticError("the twin has no finite answer where the fit starts")
     columns = reduction(np.moveaxis(raw, 0, -1))
     for step in range(STEPS):
         left = data - predicted
@@ -131,14 +140,16 @@ def fit(
             linear = change
         moved = reduction.material_step(left - np.tensordot(change, raw, 1))
         moved /= np.maximum(1.0, np.max(np.abs(moved), axis=1, initial=0.0) / LONGEST)[:, None]
-        share = 1.0
-        for _ in range(HALVINGS):
+        share, halvings, retreats = 1.0, HALVINGS, RETREATS
+        while halvings and retreats:
             trial_value, trial = value + share * change, material + share * moved
             prediction = problem.forward(trial, by_name(chosen, trial_value))
             then = objective(prediction, trial_value)
             if np.isfinite(then) and then <= now + SETTLED:
                 break
             share *= 0.5
+            # A world that cannot be says nothing about the objective: it costs no halving.
+            halvings, retreats = halvings - np.isfinite(then), retreats - (not np.isfinite(then))
         else:
             break
         missed = reduction(prediction - predicted - np.tensordot(share * change, raw, 1))
@@ -150,6 +161,9 @@ def fit(
         if missed @ missed >= CURVED or share < 1.0 or gained > 1.0:
             named = by_name(chosen, value)
             jacobian = problem.jacobian(material, named)
+            if not np.isfinite(jacobian[problem.valid]).all():
+                where = ", ".join(f"{name} = {at}" for name, at in named.items()) or "the fit"
+                raise ArithmeticError(f"no finite slopes by the material at {where}")
             reduction = reduction.about(jacobian)
             raw = slopes(problem, chosen, material, value, predicted)
             columns = reduction(np.moveaxis(raw, 0, -1))
@@ -187,20 +201,34 @@ def slopes(
     """Data per unit of every effect parameter, by one-sided differences, (K, W, M).
 
     The step leads away from nominal: an effect that is even about nominal has a slope there too.
+    Where the twin has no answer, or a bound is in the way, it leads back, then it is shortened.
+
+    Raises:
+        ArithmeticError: there is no step with a finite answer.
     """
     result = []
     scale = np.concatenate([np.empty(0), *(np.array(c.prior_scale) for c in chosen)])
     sign = np.concatenate([np.empty(0), *(np.array(c.sign) for c in chosen)])
     lower = np.concatenate([np.empty(0), *(c.bounds[0] for c in chosen)])
     upper = np.concatenate([np.empty(0), *(c.bounds[1] for c in chosen)])
+    names = [f"{p} of {c.name}" for c in chosen for p in c.parameters]
     for column in range(value.size):
         away = np.sign(value[column]) or sign[column] or 1.0
-        step = away * max(0.1 * scale[column], 0.05 * abs(value[column]))
-        if not lower[column] <= value[column] + step <= upper[column]:
-            step = -step
-        moved = value.copy()
-        moved[column] += step
-        result.append((problem.forward(material, by_name(chosen, moved)) - predicted) / step)
+        longest = away * max(0.1 * scale[column], 0.05 * abs(value[column]))
+        for step in (turn * shorter * longest for shorter in SHORTER for turn in (1.0, -1.0)):
+            moved = value.copy()
+            moved[column] += step
+            if not lower[column] <= moved[column] <= upper[column]:
+                continue
+            change = (problem.forward(material, by_name(chosen, moved)) - predicted) / step
+            if np.isfinite(change[problem.valid]).all():
+                result.append(change)
+                break
+        else:
+            raise ArithmeticError(
+                f"the twin has no finite answer beside {names[column]} = {value[column]:.3g} from"
+                f" nominal, {SHORTER[-1] * abs(longest):.2g} to {abs(longest):.2g} away"
+            )
     return np.array(result).reshape(value.size, *predicted.shape)
 
 

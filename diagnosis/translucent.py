@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from diagnosis.kept import KeptEngine
 from diagnosis.problem import Candidate, Channel, EffectValues, Problem, Smoothness
 from diagnosis.refit import fit
 from twin.effects import Candidate as Suspect
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
     from estimators.map_grid import Map
 
 NAMES = ("logit albedo", "ln sigma_t", "artanh g")
-STEP = 1e-4
-"""Of the differences by which the material's slopes are taken, in coordinates of the fit."""
+STEP = 1e-6
+"""Of the one-sided differences by which the material's slopes are taken, in its coordinates."""
 FARTHEST = 12.0
 """Largest |coordinate| at which the twin is asked: beyond, nothing changes."""
 FIRST_GUESS = (0.9, 2.0, 0.5)
@@ -91,7 +92,7 @@ def translucent_case(
     world = World.nominal(measurement.bench, measurement.samples)
     factors, error = _finite(measurement, data.wavelength_nm, maps)
     readout = None if measurement.captures is None else Readout.of(measurement)
-    engine = EffectEngine(
+    engine = KeptEngine(
         world, data.wavelength_nm, factors, readout, paths=paths, folder=folder,
         threads=threads, say=say,
     )  # fmt: skip
@@ -203,12 +204,12 @@ class _Twin:
 
         Stray light and width couple wavelengths a little; that part of the slope is left out.
         """
+        here = self.forward(material, values)
         columns = []
         for index in range(material.shape[1]):
-            moved = np.zeros_like(material)
-            moved[:, index] = STEP
-            ahead, back = (self.forward(material + s * moved, values) for s in (1.0, -1.0))
-            columns.append((ahead - back) / (2.0 * STEP))
+            moved = material.copy()
+            moved[:, index] += STEP
+            columns.append((self.forward(moved, values) - here) / STEP)
         return np.stack(columns, axis=-1)
 
 

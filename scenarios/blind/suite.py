@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from twin.toml import validate
 
 if TYPE_CHECKING:
     from twin.appearance import AppearanceMap
+    from twin.bench import Bench, Sample
 
 ARMS = ("none", "single", "pair", "outside", "removed", "ambiguous")
 """Nothing wrong; one effect; two; one that no catalogue has; one whose entry is taken out of the
@@ -174,16 +176,23 @@ def scenario_of(suite: Suite, medium: Mapping[str, Any], *, drift: float = 1.0) 
     )  # fmt: skip
 
 
-def maps_of(suite: Suite, bench: Any, samples: Any) -> tuple[AppearanceMap, ...]:
-    """Appearance maps of the described bench, from the user's cache."""
+def maps_of(suite: Suite, bench: Bench, samples: Sequence[Sample]) -> tuple[AppearanceMap, ...]:
+    """Appearance maps of the described bench, from the user's cache; the last ones are kept."""
+    plain = tuple(sample.model_copy(update={"material": None}) for sample in samples)
+    return _maps(suite.map_paths, tuple(suite.pixels_nm), bench, plain)
+
+
+@lru_cache(maxsize=2)
+def _maps(
+    paths: int, pixels_nm: tuple[float, ...], bench: Bench, samples: tuple[Sample, ...]
+) -> tuple[AppearanceMap, ...]:
     from scenarios.console import Console
     from scenarios.maps import appearance_maps
 
     settings = MapSettings(
-        albedo_count=30, sigma_t_count=30, sigma_t_range_per_mm=(0.3, 20.0), g_count=6,
-        paths=suite.map_paths,
+        albedo_count=30, sigma_t_count=30, sigma_t_range_per_mm=(0.3, 20.0), g_count=6, paths=paths,
     )  # fmt: skip
-    quiet = Console(quiet=True)
     return appearance_maps(
-        bench, samples, suite.pixels_nm, settings, cache=None, threads=None, console=quiet
-    )
+        bench, samples, np.array(pixels_nm), settings, cache=None, threads=None,
+        console=Console(quiet=True),
+    )  # fmt: skip

@@ -13,6 +13,7 @@ from diagnosis.attribution import PriorOdds, log_priors, scores_of
 from diagnosis.calibration import detect
 from diagnosis.evidence import hypotheses
 from diagnosis.reduction import Reduction
+from diagnosis.refit import slopes
 from diagnosis.unknown import Unknown
 
 
@@ -175,6 +176,56 @@ def test_an_effect_that_refuses_its_values_is_named_and_left_out(linear_toy):
     listed = {entry.name: entry.reason for entry in found.not_identifiable}
     assert "no such index" in listed["index"]
     assert "index" not in found.leading
+
+
+def walled(linear_toy, name, lower, upper):
+    """The linear bench with a twin that has no answer beyond values of one effect."""
+
+    def forward(material, effects):
+        data = linear_toy.forward(material, effects)
+        value = float(effects[name][0]) if name in effects else 0.0
+        bent = data * (1.0 + 0.3 * value**2)  # derivatives must be renewed
+        return bent if lower <= value <= upper else np.full_like(data, np.nan)
+
+    return forward
+
+
+def test_a_fit_stays_where_the_twin_has_an_answer(linear_toy):
+    value = linear_toy.visible("index", 12.0)
+    clean = linear_toy.problem(13, {"index": value})
+    size = float(value[0])
+    forward = walled(linear_toy, "index", -1.0, size * 1.01)
+    free = fit(replace(clean, forward=walled(linear_toy, "index", -9.0, 9.0)), (3,), fit(clean))
+    found = fit(replace(clean, forward=forward), (3,), fit(clean))
+    assert np.isfinite(found.columns).all()
+    assert found.value[0] <= size * 1.01
+    assert found.value[0] == pytest.approx(free.value[0], abs=3 * np.sqrt(free.covariance[0, 0]))
+    slope = slopes(replace(clean, forward=forward), [clean.candidates[3]], clean.material,
+                   np.array([size]), forward(clean.material, {"index": value}))  # fmt: skip
+    # the first step of 5 % would lead beyond the wall: the slope is taken backwards
+    back = {"index": np.array([0.95 * size])}
+    expected = forward(clean.material, {"index": value}) - forward(clean.material, back)
+    step = max(0.05 * size, 0.1 * clean.candidates[3].prior_scale[0])
+    assert slope[0] == pytest.approx(expected / (0.05 * size), rel=0.2 * step / size + 0.05)
+
+
+def test_an_effect_without_finite_slopes_is_listed_with_the_reason(linear_toy):
+    value = linear_toy.visible("index", 12.0)
+    problem = linear_toy.problem(13, {"index": value})
+    point = float(fit(problem, (3,), fit(problem)).value[0])
+
+    def forward(material, effects):
+        """Finite at no effect and at the first step of the fit alone."""
+        data = linear_toy.forward(material, effects)
+        if "index" not in effects or abs(effects["index"][0] - point) < 1e-9 * point:
+            return data * (1.0 + ("index" in effects) * 1e-2)
+        return np.full_like(data, np.nan)
+
+    found = diagnose(replace(problem, forward=forward))
+    listed = {entry.name: entry.reason for entry in found.not_identifiable}
+    assert "no finite answer beside n of index" in listed["index"]
+    assert "index" not in found.leading
+    assert all(np.isfinite(entry.probability) for entry in found.effects)
 
 
 def test_masked_data_are_not_looked_at(linear_toy):

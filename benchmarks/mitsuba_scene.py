@@ -27,7 +27,10 @@ ABOVE_MM = 1.0
 
 @dataclass(frozen=True)
 class SlabCase:
-    """A bare slab over one background: thickness [mm], sigma_t [1/mm]."""
+    """A bare slab over one background: thickness [mm], sigma_t [1/mm].
+
+    With a second lobe the phase function is that of `twin.bench.Medium`: g stays its mean cosine.
+    """
 
     n: float
     albedo: float
@@ -36,6 +39,8 @@ class SlabCase:
     thickness_mm: float
     background: str
     rho: float
+    second_share: float = 0.0
+    second_g: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -92,10 +97,42 @@ def _rectangle(mi: Any, transform: Any, **parts: Any) -> dict[str, Any]:
     return {"type": "rectangle", "to_world": transform, **parts}
 
 
-def scene_of(mi: Any, bench: Bench, case: SlabCase) -> Any:
-    """The scene: panels, slab with absorbing side walls, background plane.
+def _phase(case: SlabCase) -> dict[str, Any]:
+    share = case.second_share
+    if share == 0.0:
+        return {"type": "hg", "g": case.g}
+    first = (case.g - share * case.second_g) / (1.0 - share)
+    return {
+        "type": "blendphase",
+        "weight": share,
+        "first": {"type": "hg", "g": first},
+        "second": {"type": "hg", "g": case.second_g},
+    }
+
+
+def panels_of(mi: Any, bench: Bench) -> dict[str, Any]:
+    """The panels as shapes that emit a radiance of 1."""
+    t = mi.ScalarTransform4f
+    found = {}
+    for number, panel in enumerate(bench.panels):
+        shape = panel_shape(panel)
+        turn = t().look_at(origin=list(shape.centre), target=[0, 0, 0], up=[0, 1, 0])
+        found[f"panel_{number}"] = _rectangle(
+            mi,
+            turn.scale([shape.half[0], shape.half[1], 1.0]),
+            bsdf={"type": "diffuse", "reflectance": 0.0},
+            emitter={"type": "area", "radiance": 1.0},
+        )
+    return found
+
+
+def slab_of(mi: Any, bench: Bench, case: SlabCase) -> dict[str, Any]:
+    """The slab as shapes, its top at z = 0.
 
     bench.md: what reaches a side face is lost; so the walls are black.
+
+    Raises:
+        ValueError: an unbounded stack.
     """
     t = mi.ScalarTransform4f
     medium = {
@@ -104,7 +141,7 @@ def scene_of(mi: Any, bench: Bench, case: SlabCase) -> Any:
         "sigma_t": case.sigma_t,
         # behind a smooth dielectric a direct connection never succeeds: leave it out there
         "sample_emitters": case.n == 1.0,
-        "phase": {"type": "hg", "g": case.g},
+        "phase": _phase(case),
     }
     medium = mi.load_dict(medium)
     surface: dict[str, Any] = {"type": "null"}
@@ -115,8 +152,7 @@ def scene_of(mi: Any, bench: Bench, case: SlabCase) -> Any:
         raise ValueError("found an unbounded stack; expected a rectangle")
     hx, hy = bench.size_mm[0] / 2, bench.size_mm[1] / 2
     h = case.thickness_mm
-    scene: dict[str, Any] = {
-        "type": "scene",
+    found: dict[str, Any] = {
         "top": _rectangle(mi, t().scale([hx, hy, 1.0]), bsdf=surface, interior=medium),
         "bottom": _rectangle(
             mi,
@@ -129,23 +165,23 @@ def scene_of(mi: Any, bench: Bench, case: SlabCase) -> Any:
         for sign in (-1.0, 1.0):
             size = [h / 2, hy, 1.0] if number == 0 else [hx, h / 2, 1.0]
             turned = t().translate([0, 0, -h / 2]).rotate(axis, 90.0 * sign)
-            scene[f"wall_{number}_{int(sign)}"] = _rectangle(
+            found[f"wall_{number}_{int(sign)}"] = _rectangle(
                 mi, turned.translate([0, 0, half]).scale(size), bsdf=black
             )
-    for number, panel in enumerate(bench.panels):
-        shape = panel_shape(panel)
-        turn = t().look_at(origin=list(shape.centre), target=[0, 0, 0], up=[0, 1, 0])
-        scene[f"panel_{number}"] = _rectangle(
-            mi,
-            turn.scale([shape.half[0], shape.half[1], 1.0]),
-            bsdf=black,
-            emitter={"type": "area", "radiance": 1.0},
-        )
+    return found
+
+
+def scene_of(mi: Any, bench: Bench, case: SlabCase) -> Any:
+    """The scene: panels, slab with absorbing side walls, background plane."""
+    t = mi.ScalarTransform4f
+    scene: dict[str, Any] = {"type": "scene"}
+    scene |= slab_of(mi, bench, case) | panels_of(mi, bench)
     part: Background = getattr(bench.background, case.background)
+    plane = -case.thickness_mm - bench.background.gap_mm
     extent = [part.size_mm[0] / 2, part.size_mm[1] / 2, 1.0]
     scene["background"] = {
         "type": "disk" if part.shape == "disc" else "rectangle",
-        "to_world": t().translate([0, 0, -h - bench.background.gap_mm]).scale(extent),
+        "to_world": t().translate([0, 0, plane]).scale(extent),
         "bsdf": {"type": "diffuse", "reflectance": case.rho},
     }
     return mi.load_dict(scene)

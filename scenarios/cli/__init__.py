@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli import blind, convert, diagnosis, library, uncertainty, visits
+from scenarios.cli import blind, convert, design, diagnosis, explore, library, uncertainty, visits
 from scenarios.cli.guard import EXIT_OK, guarded
 from scenarios.instruments.command import register as register_instruments
 from scenarios.predict.command import register as register_predict
@@ -29,6 +29,8 @@ Examples:
   benchtwin budget visit/                   what to improve first: thickness, white, counts, ...
 
   benchtwin diagnose visit/ --rounds 3      what the bench's description lacks, and how much
+
+  benchtwin explore                         move material and bench on a local page
 
   benchtwin spheres phantom.rxt --g 0.9     readings with integrating spheres
 
@@ -77,6 +79,8 @@ visits.register(app)
 uncertainty.register(app)
 diagnosis.register(app)
 blind.register(app)
+design.register(app)
+explore.register(app)
 register_predict(app, guarded)
 register_instruments(app, guarded)
 convert.register(app)

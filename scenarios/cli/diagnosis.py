@@ -52,7 +52,7 @@ def diagnose(
 
     Writes a report, a JSON file and a bench.toml with what was found, into which the leading
     effects are accepted with value and uncertainty. Integrating spheres (.rxt) and fluorescence
-    visits get the verdict and the JSON file.
+    visits get the report and the JSON file.
     """
     from scenarios.commands.diagnosis import diagnose_file
     from scenarios.console import Console

@@ -77,12 +77,12 @@ def diagnose_file(
         raise InputError(f"{rounds} rounds", "1 or more", place="--rounds")
     spheres, visit = path.suffix.lower() == ".rxt", fluorescence_visit(path)
     if spheres or visit is not None:
-        given = {"--bench": bench, "--report": report, "--rounds": rounds > 1, "--quick": quick}
+        given = {"--bench": bench, "--rounds": rounds > 1, "--quick": quick}
         refused = [name for name, value in given.items() if value]
         refused += ["--dilutions"] if dilutions and not spheres else []
         return diagnose_other(
-            path, visit, out=out, without=without, dilutions=dilutions, refused=refused,
-            as_json=as_json, console=console,
+            path, visit, out=out, report=report, without=without, dilutions=dilutions,
+            refused=refused, as_json=as_json, console=console,
         )  # fmt: skip
     if dilutions:
         raise InputError(

@@ -1,7 +1,7 @@
 """`benchtwin diagnose` of readings with integrating spheres and of fluorescence visits.
 
-They are diagnosed by the same statistics; a report page, rounds and proposals are the translucent
-bench's.
+They are diagnosed by the same statistics and get the same report; rounds and proposals are the
+translucent bench's.
 """
 
 from __future__ import annotations
@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 from scenarios.commands.common import write_json
 from scenarios.console import Console
-from scenarios.outputs import prepare_folder
+from scenarios.outputs import file_digest, prepare_file, prepare_folder
 from twin.errors import InputError
+from twin.files import write_atomically
 
 if TYPE_CHECKING:
     from diagnosis import Diagnosis
     from scenarios.report_diagnosis import Named
     from twin.fluorescence import FluorescenceVisit
 
-RESULT = "diagnosis.json"
+RESULT, REPORT = "diagnosis.json", "diagnosis.html"
 
 
 def fluorescence_visit(path: Path) -> FluorescenceVisit | None:
@@ -39,6 +40,7 @@ def diagnose_other(
     visit: FluorescenceVisit | None,
     *,
     out: Path | None,
+    report: Path | None,
     without: Sequence[str],
     dilutions: bool,
     refused: Sequence[str],
@@ -50,7 +52,8 @@ def diagnose_other(
     Args:
         path: of the measurement.
         visit: what it holds; None for an .rxt file.
-        out: folder of the JSON file.
+        out: folder of the results.
+        report: file of the report; None puts it into the folder.
         without: effects that the catalogue shall not have.
         dilutions: the rows of an .rxt file are dilutions of one stock.
         refused: options that were given and mean nothing here.
@@ -60,65 +63,104 @@ def diagnose_other(
     Raises:
         InputError: the measurement, an option or the folder cannot be used.
     """
+    from scenarios.report_diagnosis.words import OF_SAMPLES, UNDER_LIGHTS, headline
+
     if refused:
         raise InputError(
             f"{', '.join(refused)} for {'spheres' if visit is None else 'a fluorescence visit'}",
-            "options that serve every kind of measurement: --out, --without, --json, --quiet",
+            "options that serve every kind of measurement: --out, --report, --without, --json,"
+            " --quiet",
             place=refused[0],
-            remedy="Rounds, reports and another bench.toml are the translucent bench's.",
+            remedy="Rounds, a quick first look and another bench.toml are the translucent bench's.",
         )
     folder = prepare_folder(out or Path(f"benchtwin-{path.resolve().stem}-diagnosis"))
+    page_file = prepare_file(report) if report is not None else folder / REPORT
     reasons: list[str] = []
-    with console.step("diagnosis"):
-        named, found = (
+    with console.step("diagnosis and report"):
+        named, found, page = (
             _spheres(path, without, dilutions, reasons)
             if visit is None
-            else _fluorescence(visit, without, reasons)
+            else _fluorescence(path, visit, without, reasons)
         )
+    write_atomically(page_file, page.encode("utf-8"))
+    belongs = OF_SAMPLES if visit is None else UNDER_LIGHTS
     facts = {
         "command": "diagnose",
         "kind": "spheres" if visit is None else "fluorescence",
-        **found.as_json(),
+        **_named(found.as_json(), named),
+        "sentence": headline(found, named),
         "without": list(without),
         "reasons": reasons,
     }
     write_json(folder / RESULT, facts)
     if as_json:
-        return {"folder": str(folder), **facts}
-    return {**_lines(found, named), "assumed": reasons, "result": str(folder / RESULT)}
+        return {"folder": str(folder), "report": str(page_file), **facts}
+    return {**_lines(found, named, belongs), "assumed": reasons, "report": str(page_file)}
 
 
 def _spheres(
     path: Path, without: Sequence[str], dilutions: bool, reasons: list[str]
-) -> tuple[Named, Diagnosis]:
-    from diagnosis.spheres import diagnose_spheres
-    from scenarios.report_diagnosis import Named
+) -> tuple[Named, Diagnosis, str]:
+    from diagnosis import diagnose
+    from diagnosis.sphere_effects import without as catalogue_without
+    from diagnosis.spheres import sphere_case
+    from scenarios.report_diagnosis.other_page import sphere_names, sphere_page
+    from twin.measurement.rxt import read_rxt
 
-    found = diagnose_spheres(path, dilutions=dilutions, leave_out=without, say=reasons.append)
-    return Named({}, {}, {}), found
+    case = sphere_case(
+        read_rxt(path), dilutions=dilutions, effects=catalogue_without(without), say=reasons.append
+    )
+    reasons += case.reasons
+    found = diagnose(case.problem)
+    named = sphere_names([each.name for each in case.problem.candidates])
+    page = sphere_page(
+        case, found, named, heading=path.name, fingerprint=file_digest(path), reasons=reasons
+    )
+    return named, found, page
 
 
 def _fluorescence(
-    visit: FluorescenceVisit, without: Sequence[str], reasons: list[str]
-) -> tuple[Named, Diagnosis]:
-    from diagnosis.fluorescence import diagnosed_fluorescence
-    from scenarios.report_diagnosis import Named
+    path: Path, visit: FluorescenceVisit, without: Sequence[str], reasons: list[str]
+) -> tuple[Named, Diagnosis, str]:
+    from diagnosis.fluorescence import diagnosed_fluorescence, fluorescence_case
+    from scenarios.report_diagnosis.other_page import fluorescence_names, fluorescence_page
     from twin.effects import catalogue
 
     effects = catalogue().without(without)
     case, found = diagnosed_fluorescence(visit, effects=effects, say=reasons.append)
     reasons += [reason for reason in case.reasons if reason not in reasons]
-    return Named.of(case.suspects), found
+    named = fluorescence_names(case, visit.setup.detector.wavelength_nm)
+    # The case is linearised about what leads; the matrix without it is that of a fit of its own.
+    before = fluorescence_case(visit, effects=effects).matrix()
+    page = fluorescence_page(
+        case, found, named, before, heading=visit.sample or path.name,
+        fingerprint=visit.fingerprint, reasons=reasons,
+    )  # fmt: skip
+    return named, found, page
 
 
-def _lines(found: Diagnosis, named: Named) -> dict[str, Any]:
-    from scenarios.report_diagnosis.words import effect_rows, headline, where_sentences
+def _named(facts: dict[str, Any], named: Named) -> dict[str, Any]:
+    """The JSON file's keys with every effect's title."""
+    for effect in facts["effects"]:
+        effect["title"] = named(effect["name"])
+    return facts
+
+
+def _lines(found: Diagnosis, named: Named, belongs: tuple[str, str]) -> dict[str, Any]:
+    from scenarios.report_diagnosis.words import (
+        closure_sentences,
+        effect_rows,
+        headline,
+        where_sentences,
+    )
 
     answer: dict[str, Any] = {"verdict": headline(found, named)}
     if found.effects and found.verdict != "no_gap":
         answer["effects"] = effect_rows(found, named)
     if found.null is not None:
-        answer["where"] = where_sentences(found)
+        answer["where"] = where_sentences(found, belongs)
+    if found.closure is not None:
+        answer["how_far"] = closure_sentences(found, None)
     if hidden := [each.name for each in found.not_identifiable]:
         answer["not_identifiable"] = f"{len(hidden)} effects cannot be seen in these data: " + (
             ", ".join(hidden)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from diagnosis import Fit
+from diagnosis import Closure, Fit
 from scenarios.report.figure import (
     BLUE,
     GREEN,
@@ -29,20 +30,33 @@ TITLES = ("Albedo", "Extinction σt [1/mm]", "Anisotropy g")
 NAMES = ("albedo", "σt", "g")
 
 
+Step = tuple[Sequence[str], tuple[float, float]]
+"""Effects that were added, none for what was not accepted, and the excess before and after."""
+
+
 def draw_waterfall(rounds: Rounds) -> str | None:
     """Excess chi-square before, what every accepted effect takes off, and what is left."""
-    steps = [(one, one.excess) for one in rounds.rounds if one.excess is not None]
-    if not steps:
-        return None
-    first = rounds.first.diagnosis.closure
-    if first is None:
+    steps = [
+        ([each.name for each in one.accepted], one.excess)
+        for one in rounds.rounds
+        if one.excess is not None
+    ]
+    return waterfall(steps, rounds.first.diagnosis.closure)
+
+
+def waterfall(steps: Sequence[Step], first: Closure | None) -> str | None:
+    """The same of any steps.
+
+    Args:
+        steps: one for each round.
+        first: closure of the first round: it has the floors.
+    """
+    if first is None or not steps:
         return None
     labels, bars = ["gap before"], [(0.0, steps[0][1][0], INK)]
-    for one, excess in steps:
-        name = "\n+ ".join(each.name for each in one.accepted) or "best of the catalogue"
-        labels.append(f"+ {name}")
-        colour = GREEN if one.accepted else GREY
-        bars.append((excess[1], excess[0], colour))
+    for names, excess in steps:
+        labels.append("+ " + ("\n+ ".join(names) or "best of the catalogue"))
+        bars.append((excess[1], excess[0], GREEN if names else GREY))
     labels.append("left")
     bars.append((0.0, steps[-1][1][1], VERMILION))
     noise = float(np.sqrt(2.0 * first.noise_floor))

@@ -110,7 +110,7 @@ def draw_separations(found: Diagnosis) -> str | None:
     seen = alike[np.ix_(order, order)]
     with figure_style():
         size = 2.2 + 0.24 * len(names)
-        figure = new_figure(min(size + 1.2, 11.0), min(size, 9.6))
+        figure = new_figure(min(max(size + 1.2, 8.6), 11.0), min(size, 9.6))
         axis = figure.subplots()
         places = np.arange(len(names) + 1) - 0.5
         image = axis.pcolormesh(

@@ -141,8 +141,8 @@ def _outline(axis: Axes, problem: Problem, rows: list[int], blocks: tuple[Block,
             inside = (problem.wavelength_nm >= low) & (problem.wavelength_nm <= high)
         columns = np.flatnonzero(inside)
         left, right = edges[columns[0]], edges[columns[-1] + 1]
-        own = [place for place, row in enumerate(rows) if _holds(block, problem.channels[row])]
-        for start, stop in _runs(own):
+        own = [place for place, row in enumerate(rows) if holds(block, problem.channels[row])]
+        for start, stop in runs(own):
             axis.add_patch(
                 Rectangle(
                     (left, start + 0.08), right - left, stop - start - 0.16, fill=False,
@@ -152,7 +152,8 @@ def _outline(axis: Axes, problem: Problem, rows: list[int], blocks: tuple[Block,
             )  # fmt: skip
 
 
-def _holds(block: Block, channel: Channel) -> bool:
+def holds(block: Block, channel: Channel) -> bool:
+    """Whether a channel belongs to a block, at its wavelengths."""
     return (
         (not block.captures or channel.capture in block.captures)
         and (not block.samples or channel.sample in block.samples)
@@ -160,8 +161,8 @@ def _holds(block: Block, channel: Channel) -> bool:
     )
 
 
-def _runs(places: list[int]) -> list[tuple[int, int]]:
-    """Neighbouring rows as half-open ranges."""
+def runs(places: list[int]) -> list[tuple[int, int]]:
+    """Neighbouring places as half-open ranges."""
     runs: list[tuple[int, int]] = []
     for place in places:
         if runs and runs[-1][1] == place:

@@ -20,6 +20,8 @@ SHOWN = 8
 LEAST = 0.005
 """Probability below which an effect is not listed there, once three are."""
 BLOCKS = 4
+MOST_MOVED = 4
+"""Parameters of the material in the sentence of how far they move."""
 SIGNIFICANT = 0.05
 
 
@@ -107,33 +109,37 @@ def group_of(found: Diagnosis) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*found.leading_set, *named)))
 
 
-def place_text(where: Block | Entry) -> str:
+OF_SAMPLES, UNDER_LIGHTS = ("of", "samples"), ("under", "lights")
+"""How a capture belongs to what its channel calls the sample."""
+
+
+def place_text(where: Block | Entry, belongs: tuple[str, str] = OF_SAMPLES) -> str:
     """A part of the data in words."""
+    word, things = belongs
     captures = " and ".join(where.captures) or "all captures"
-    samples = f" of {' and '.join(where.samples)}" if where.samples else " of all samples"
+    samples = f" {word} {' and '.join(where.samples) or f'all {things}'}"
     band = getattr(where, "band_nm", None)
     reach = f", {band[0]:.0f} to {band[1]:.0f} nm" if band else ""
     repeat = f", repeat {where.repeat}" if where.repeat is not None else ""
     return f"{captures}{samples}{reach}{repeat}"
 
 
-def where_sentences(found: Diagnosis) -> list[str]:
+def where_sentences(found: Diagnosis, belongs: tuple[str, str] = OF_SAMPLES) -> list[str]:
     """Where the gap shows, and where it enters."""
     loud = [block for block in found.where if block.p < SIGNIFICANT]
     said = [
-        f"shows in {place_text(b)} ({b.statistic:.1f} sd above noise, p = {b.p:.2g})"
+        f"shows in {place_text(b, belongs)} ({b.statistic:.1f} sd above noise, p = {b.p:.2g})"
         for b in loud[:BLOCKS]
     ]
     said += [
-        f"enters in {place_text(e)}: without it the rest is noise (p = {e.rest:.2g})"
+        f"enters in {place_text(e, belongs)}: without it the rest is noise (p = {e.rest:.2g})"
         for e in [entry for entry in found.enters if entry.heals][:2]
     ]
     return said or ["no block is louder than noise"]
 
 
-def closure_sentences(rounds: Rounds, colour: ColourChange | None) -> list[str]:
+def closure_sentences(found: Diagnosis, colour: ColourChange | None) -> list[str]:
     """How far the gap shrinks."""
-    found = rounds.first.diagnosis
     said = []
     if found.closure is not None:
         c = found.closure
@@ -145,10 +151,16 @@ def closure_sentences(rounds: Rounds, colour: ColourChange | None) -> list[str]:
             f" noise; one who knew the effect would have {c.oracle_floor:.1f} left"
         )
     shift = found.parameter_shift
-    if shift is not None:
+    if shift is not None and shift.names:
+        pairs = sorted(zip(shift.rms_sd, shift.names, strict=True), reverse=True)
+        shown = pairs if len(pairs) <= MOST_MOVED else pairs[: MOST_MOVED - 1]
         moved = ", ".join(
-            f"{name} {rms:.1f}" for name, rms in zip(shift.names, shift.rms_sd, strict=True)
+            f"{name} {shift.rms_sd[i]:.1f}"
+            for i, name in enumerate(shift.names)
+            if any(name == kept for _, kept in shown)
         )
+        if len(shown) < len(pairs):
+            moved += f", {len(pairs) - len(shown)} more at most {pairs[len(shown)][0]:.1f}"
         said.append(f"the material's estimate moves by (root mean square, in sd): {moved}")
     if colour is not None:
         said += colour.sentences()
@@ -183,7 +195,7 @@ def terminal(rounds: Rounds, named: Named, colour: ColourChange | None) -> dict[
     if found.null is not None:
         answer["where"] = where_sentences(found)
     if found.closure is not None:
-        answer["how_far"] = closure_sentences(rounds, colour)
+        answer["how_far"] = closure_sentences(found, colour)
     if len(rounds.rounds) > 1:
         answer["rounds"] = [round_text(rounds, i) for i in range(len(rounds.rounds))]
     if proposals := next_sentences(found):

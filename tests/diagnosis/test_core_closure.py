@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from diagnosis import PriorOdds, closure, diagnose, fit, separations
+from diagnosis.adequacy import orthonormal
 from diagnosis.attribution import linear, scores_of
-from diagnosis.closure import fieller
+from diagnosis.closure import directions, fieller
 from diagnosis.evidence import Scores
 from diagnosis.groups import REACH, TOLD_APART
 
@@ -31,6 +32,40 @@ def test_closure_of_the_right_effect_is_covered_by_its_interval(linear_toy):
     assert abs(np.mean(values) - 1.0) < 0.1
     # binomial: four standard errors below 90 %
     assert inside / count > 0.9 - 4 * np.sqrt(0.09 / count)
+
+
+def stated_and_true(linear_toy, seed, effects):
+    """A closure by what the splits choose, and what it is about: the same without noise."""
+    problem = linear_toy.problem(seed, effects)
+    null = fit(problem)
+    scores, _ = scores_of(problem, null)
+    posterior = linear(problem, scores, list(range(len(problem.candidates))), -10.0, PriorOdds())
+    found = closure(problem, null, posterior, PriorOdds(), seed=seed)
+    own = [column for index in found.chosen[0][0] for column in problem.columns[index]]
+    columns = null.reduction(np.moveaxis(problem.signatures[own], 0, -1))
+    basis = orthonormal(null.reduction(directions(problem, null, posterior)))
+    response = linear_toy.forward(linear_toy.base.material, effects) - linear_toy.level
+    target = null.reduction(response)
+    left = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
+    total = float(np.sum((basis.T @ target) ** 2))
+    rest = float(np.sum((basis.T @ left) ** 2)) + found.oracle_floor
+    return found, 1.0 - rest / total
+
+
+def test_intervals_cover_the_closure_without_noise_whatever_is_chosen(linear_toy):
+    names, levels = [c.name for c in linear_toy.candidates], (6.0, 10.0, 15.0, 25.0)
+    inside, narrow, count = 0, 0, 40
+    for trial in range(count):
+        chosen = {names[trial % len(names)]} | ({"index"} if trial % 3 == 0 else set())
+        effects = {n: linear_toy.visible(n, levels[trial % 4]) for n in sorted(chosen)}
+        found, true = stated_and_true(linear_toy, 3000 + trial, effects)
+        low, high = found.interval
+        inside += low <= true <= high
+        # control: an interval of a quarter of the width
+        narrow += abs(true - 0.5 * (low + high)) <= 0.125 * (high - low)
+    # binomial: three standard errors about 90 %
+    assert abs(inside / count - 0.9) < 3 * np.sqrt(0.09 / count)
+    assert narrow / count < 0.9 - 5 * np.sqrt(0.09 / count)
 
 
 def test_closure_of_an_effect_that_explains_nothing_is_nothing(linear_toy):

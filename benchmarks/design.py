@@ -1,0 +1,126 @@
+"""Design studies: speed, predicted against simulated uncertainty, what is cheaper than the seed.
+
+Keys:
+
+- `designs_1000_s`: 1000 candidates drawn from the goal "resin" by Fisher information, programs
+  compiled; `designs_1000_kept_s`: the same again, its tables kept; `designs_1000_cpu_s`: processor
+  time of the first; `targets`: figures of each.
+- `ratio_within`: share of simulated candidates whose actual error over the predicted one lies
+  between 0.85 and 1.15, of albedo, sigma_t and g apart; `ratio_all`: of all three together;
+  `ratios`, `width_ratios`: of each; `width_within`: the same of the uncertainty that the estimate
+  states. `failed`: candidates whose simulation failed, with the reason.
+- `cheaper_found`: whether a candidate cheaper than the seed's bench with its spectrometer is
+  predicted to be as accurate in every figure; `cost_ratio`: its price over the seed's;
+  `cheaper_score`: its largest figure over the seed's, predicted, and `cheaper_score_simulated`:
+  the same of actual errors, where both were simulated.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenarios.console import Console
+from scenarios.design import (
+    Candidate,
+    Goal,
+    Parts,
+    Space,
+    TranslucentPredictor,
+    load_goal,
+    load_parts,
+    verify,
+)
+from scenarios.design.study import compared_candidate
+from twin.cache import cache_folder
+
+WITHIN = (0.85, 1.15)
+CANDIDATES, QUICK_CANDIDATES = 10, 3
+GOAL = {
+    "title": "benchmark",
+    "materials": [{"name": "resin", "albedo": 0.95, "sigma_t_per_mm": 3.0, "g": 0.7, "n": 1.4}],
+    "targets": {"albedo": 0.01, "sigma_t_relative": 0.03, "g": 0.03},
+    "protocol": {"thickness_mm": [0.3, 0.9], "samples": [2], "averages": [10]},
+    "wavelength": {"start_nm": 440.0, "stop_nm": 680.0, "step_nm": 20.0},
+    "verification": {"seeds": 32, "paths": 1 << 15, "map_paths": 4096},
+}
+
+
+def speed() -> dict[str, Any]:
+    """1000 candidates."""
+    goal, parts = load_goal("resin")
+    space, predictor = Space.of(goal, parts), TranslucentPredictor(goal, parts)
+    predictor.predict([space.at([0] * len(space.shape))])
+    rng = np.random.Generator(np.random.Philox(key=3))
+    chosen = [space.at([int(rng.integers(n)) for n in space.shape]) for _ in range(1000)]
+    wall, busy = time.perf_counter(), time.process_time()
+    predictor.predict(chosen)
+    first, used = time.perf_counter() - wall, time.process_time() - busy
+    wall = time.perf_counter()
+    predictor.predict(chosen)
+    return {
+        "designs_1000_s": first,
+        "designs_1000_cpu_s": used,
+        "designs_1000_kept_s": time.perf_counter() - wall,
+        "targets": len(goal.targets.names),
+    }
+
+
+def cheaper(goal: Goal, parts: Parts) -> tuple[dict[str, Any], Candidate, Candidate]:
+    """The cheapest candidate that is predicted to be as accurate as the seed's bench."""
+    predictor = TranslucentPredictor(goal, parts)
+    seed = compared_candidate("seed-translucent", goal, parts)
+    least = predictor.predict([seed])[0]
+    every = sorted(Space.of(goal, parts), key=lambda each: each.price(parts))
+    score = (predictor.predict(every) / least).max(axis=1)
+    number = int(np.argmax(score <= 1.0))
+    found = every[number] if score[number] <= 1.0 else seed
+    ratio = found.price(parts) / seed.price(parts)
+    facts = {
+        "cheaper_found": bool(ratio < 1.0), "cost_ratio": ratio,
+        "cheaper_score": float((predictor.predict([found])[0] / least).max()),
+        "cheaper": found.text, "candidates": len(every),
+    }  # fmt: skip
+    return facts, seed, found
+
+
+def run(quick: bool) -> dict[str, Any]:
+    """All figures."""
+    facts = speed()
+    parts, goal = load_parts(), Goal.model_validate(GOAL)
+    count = QUICK_CANDIDATES if quick else CANDIDATES
+    found, seed, other = cheaper(goal, parts)
+    facts |= found
+    space = Space.of(goal, parts)
+    rng = np.random.Generator(np.random.Philox(key=7))
+    drawn = [space.at([int(rng.integers(n)) for n in space.shape]) for _ in range(count)]
+    chosen = list(dict.fromkeys([seed, other, *drawn]))[:count]
+    predictor = TranslucentPredictor(goal, parts)
+    print(f"simulating {len(chosen)} candidates", file=sys.stderr)
+    folder = Path(cache_folder("design")) / "benchmark"
+    done = verify(goal, predictor, chosen, folder, console=Console())
+    good = [each for each in done if not each.failure]
+    ratios = np.array([each.ratio for each in good]).reshape(-1, 3)
+    widths = np.array([each.width_ratio for each in good]).reshape(-1, 3)
+
+    def inside(values: np.ndarray) -> np.ndarray:
+        return np.asarray((values >= WITHIN[0]) & (values <= WITHIN[1]))
+
+    facts |= {
+        "ratio_within": float(inside(ratios).mean()) if good else None,
+        "ratio_all": float(inside(ratios).all(axis=1).mean()) if good else None,
+        "ratios": ratios.round(3).tolist(),
+        "width_within": float(inside(widths).mean()) if good else None,
+        "width_ratios": widths.round(3).tolist(),
+        "bias": [each.bias.round(3).tolist() for each in good],
+        "simulated": len(good),
+        "failed": [each.failure for each in done if each.failure],
+    }
+    actual = {each.candidate: np.sqrt(np.nanmean(each.error**2, axis=(0, 1, 2))) for each in good}
+    if seed in actual and other in actual:
+        facts["cheaper_score_simulated"] = float((actual[other] / actual[seed]).max())
+    return facts

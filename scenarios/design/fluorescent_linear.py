@@ -1,0 +1,200 @@
+"""Estimates that are linear in the captures, of every candidate of a pool at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotri
+
+from scenarios.design.fluorescent_channels import Pool
+from scenarios.design.fluorescent_prior import Population
+from twin.errors import InputError
+from twin.spectra import FloatArray
+
+PROJECTIONS = 4
+"""Times that what the bounds cut off is given back to the captures."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearEstimates:
+    """Posterior means under linearised priors; I priors of B materials, S draws of the noise.
+
+    Attributes:
+        pool: lights and channels; population: materials.
+        material: of each prior, (I,).
+        prior: covariance of the captures under each prior, (I, L, L).
+        gain: covariance of captures and cells, (I + 1, L, C + D), the last without products.
+        mean: of the cells, (I + 1, C + D).
+        left: captures less those of the mean, (I, S, L); first: the same without products,
+            (B, S, L), with the covariance `smooth`, (L, L).
+        rough: covariance of the captures of single cells with standard deviation 1, (L, L).
+        jacobian: of the cells by the products' parameters, I times (C, K P).
+    """
+
+    pool: Pool
+    population: Population
+    material: NDArray[np.intp]
+    prior: FloatArray
+    gain: FloatArray
+    mean: FloatArray
+    left: FloatArray
+    first: FloatArray
+    smooth: FloatArray
+    rough: FloatArray
+    jacobian: tuple[FloatArray, ...]
+
+    @classmethod
+    def of(cls, pool: Pool, population: Population) -> LinearEstimates:
+        """What the candidates of a pool share."""
+        design = pool.design
+        items = [(b, p) for b, each in enumerate(population.priors) for p in each]
+        material = np.array([b for b, _ in items], dtype=np.intp)
+        mean = np.array([p.mean for _, p in items] + [population.mean])
+        covariances = [p.covariance for _, p in items] + [population.smooth]
+        gain = np.array([design @ each for each in covariances])
+        prior = gain @ design.T
+        left = (population.truth[material] - mean[:-1]) @ design.T
+        first = (population.truth - population.mean) @ design.T
+        single = design[:, : population.size]
+        return cls(
+            pool, population, material, prior[:-1], gain, mean,
+            left[:, None] + pool.draws[material], first[:, None] + pool.draws, prior[-1],
+            single @ single.T, tuple(p.jacobian for _, p in items),
+        )  # fmt: skip
+
+    def estimates(self, members: Sequence[NDArray[np.intp]]) -> FloatArray:
+        """Expected answers (N, B, S, C + D) of N candidates, each a choice of lights."""
+        batch, draws, size = self.first.shape
+        items, count = len(self.material), len(members)
+        rows = [np.flatnonzero(np.isin(self.pool.light, each)) for each in members]
+        if not all(each.size for each in rows):
+            raise InputError(
+                "a candidate whose lights show nothing to the detector", "lights that it sees",
+                place="setups",
+            )  # fmt: skip
+        alone = np.zeros((batch, count, draws, size))
+        alone_inverse = np.zeros((batch, count, size, size))
+        rough = np.zeros((batch, count))
+        evidence = np.zeros((items + batch, count, draws))
+        for n, own in enumerate(rows):
+            part = np.ix_(own, own)
+            found = self._first(own)
+            rough[:, n], alone[:, n][..., own], inverse, evidence[items:, n] = found
+            for b in range(batch):
+                alone_inverse[b, n][part] = inverse[b]
+        out = np.zeros((items + batch, count, draws, self.mean.shape[1]))
+        for item, b in enumerate(self.material):
+            weight = np.zeros((count, draws, size))
+            inverses = np.zeros((count, size, size))
+            for n, own in enumerate(rows):
+                part = np.ix_(own, own)
+                covariance = self.prior[item][part] + self.pool.noise[b][part]
+                covariance += rough[b, n] ** 2 * self.rough[part]
+                inverse, logarithm = _inverse(covariance)
+                values = self.left[item][:, own]
+                weighted = values @ inverse
+                evidence[item, n] = -0.5 * ((weighted * values).sum(axis=1) + logarithm)
+                weight[n][:, own], inverses[n][part] = weighted, inverse
+            out[item] = self._answer(item, weight, inverses, rough[b])
+        for b in range(batch):
+            out[items + b] = self._answer(items, alone[b], alone_inverse[b], rough[b])
+        return self._mixed(out, evidence)
+
+    def _first(
+        self, rows: NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Without products, with the roughness of largest evidence.
+
+        Returns:
+            Roughness (B,), weights (B, S, m), inverse covariance (B, m, m), evidence (B, S).
+        """
+        part = np.ix_(rows, rows)
+        values = self.first[..., rows]
+        base = self.smooth[part] + self.pool.noise.mean(axis=0)[part]
+        choices = self.population.roughness
+        evidence, weights, inverses = [], [], []
+        for roughness in choices:
+            inverse, logarithm = _inverse(base + roughness**2 * self.rough[part])
+            found = values @ inverse
+            evidence.append(-0.5 * ((found * values).sum(axis=2) + logarithm))
+            weights.append(found)
+            inverses.append(inverse)
+        each = np.array(evidence)
+        best = each.mean(axis=2).argmax(axis=0)
+        which = np.arange(len(values))
+        return (
+            np.array(choices)[best], np.array(weights)[best, which], np.array(inverses)[best],
+            each[best, which],
+        )  # fmt: skip
+
+    def _answer(
+        self, kind: int, weight: FloatArray, inverse: FloatArray, rough: FloatArray
+    ) -> FloatArray:
+        """Cells inside their bounds (N, S, C + D) of weighed captures (N, S, L).
+
+        What is cut off at the bounds is given back to the captures a few times (alternating
+        projections, von Neumann 1950), so that the answer keeps what was seen.
+        """
+        count, design = self.population.size, self.pool.design
+        single = design[:, :count]
+
+        def cells_of(weighted: FloatArray) -> FloatArray:
+            found = weighted @ self.gain[kind]
+            found[..., :count] += rough[:, None, None] ** 2 * (weighted @ single)
+            return np.asarray(found)
+
+        answer = self.mean[kind] + cells_of(weight)
+        if kind < len(self.material):
+            answer[..., :count] += self._curvature(kind, weight)
+        shown = answer @ design.T
+        upper = np.ones(answer.shape[-1])
+        upper[:count] = np.inf
+        answer = np.clip(answer, 0.0, upper)
+        for _ in range(PROJECTIONS):
+            missing = (shown - answer @ design.T) @ inverse
+            answer = np.clip(answer + cells_of(missing), 0.0, upper)
+        return np.asarray(answer)
+
+    def _mixed(self, answers: FloatArray, evidence: FloatArray) -> FloatArray:
+        """Answers (N, B, S, C + D) weighed by the evidence of each material's priors."""
+        owner = np.concatenate([self.material, np.arange(len(self.first))])
+        _, count, draws, size = answers.shape
+        out = np.zeros((count, len(self.first), draws, size))
+        for b in range(len(self.first)):
+            mine = np.flatnonzero(owner == b)
+            share = np.exp(evidence[mine] - evidence[mine].max(axis=0))
+            share /= share.sum(axis=0)
+            for each, number in zip(share, mine, strict=True):
+                out[:, b] += each[..., None] * answers[number]
+        return out
+
+    def _curvature(self, item: int, used: FloatArray) -> FloatArray:
+        """What products at their estimated parameters are more than linearised ones, (N, S, C).
+
+        The parameters are linear in the captures; the products are exponentials of them.
+        """
+        count, size = self.population.size, self.population.model.size
+        jacobian = self.jacobian[item]
+        t = used @ (self.pool.design[:, :count] @ jacobian)
+        products = self.population.model.fluorescence(
+            t.reshape(-1, jacobian.shape[1] // size, size)
+        )
+        linear = self.mean[item, :count] + t @ jacobian.T
+        return np.asarray(products.reshape(linear.shape) - linear)
+
+
+def _inverse(covariance: FloatArray) -> tuple[FloatArray, float]:
+    """Inverse (m, m) of a covariance, and its log determinant."""
+    factor, failed = dpotrf(covariance, lower=1, clean=1)
+    if failed:
+        raise InputError(
+            "captures whose covariance has no inverse", "some noise in every capture",
+            place="protocol",
+        )  # fmt: skip
+    logarithm = 2.0 * float(np.log(np.diagonal(factor)).sum())
+    half, _ = dpotri(factor, lower=1)
+    lower = np.tril(half)
+    return lower + np.tril(half, -1).T, logarithm

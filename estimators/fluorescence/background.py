@@ -205,15 +205,29 @@ class Reduced:
         return np.asarray(((near * scale) @ self.kernels.leak) * scale)
 
     @cached_property
-    def _prior_covariance(self) -> tuple[FloatArray, FloatArray]:
+    def _grams(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Covariances of the values by smooth cells, rough cells (both at 1) and reflectances."""
         cell, diagonal = self._gains
+        design = self.cell_design
+        return cell @ design.T, design @ design.T, diagonal @ self.diagonal_design.T
+
+    @cached_property
+    def _prior_covariance(self) -> tuple[FloatArray, FloatArray]:
+        smooth, rough, reflected = self._grams
         near = self.cell_design[:, self.kernels.near]
-        fixed = self._leak_gain @ near.T + diagonal @ self.diagonal_design.T
-        rough = self.cell_design @ self.cell_design.T
+        fixed = self._leak_gain @ near.T + reflected
         fixed = fixed + self.roughness[:, None, None] ** 2 * rough
         if self._local_gain is not None:
             fixed = fixed + self._local_gain @ self.cell_design.T
-        return cell @ self.cell_design.T, fixed + self.noise
+        return smooth, fixed + self.noise
+
+    def but(self, **changes: FloatArray) -> Reduced:
+        """Another reflectance, roughness or local scale; what does not depend on them is kept."""
+        other = replace(self, **changes)  # type: ignore[arg-type]
+        for name in ("cell_design", "diagonal_design", "_gains", "_grams"):
+            if name in self.__dict__:
+                other.__dict__[name] = self.__dict__[name]
+        return other
 
     def covariance(self, amplitude: float, sample: int | None = None) -> FloatArray:
         """Covariance of the values with the Gaussian part marginalised.
@@ -233,16 +247,31 @@ class Reduced:
             cells += np.einsum("bm,bmc->bc", weighted, self._local_gain)
         return cells, weighted @ diagonal
 
-    def of_sample(
-        self, amplitude: float, weighted: FloatArray, sample: int
-    ) -> tuple[FloatArray, FloatArray]:
-        """The same of many residuals (S, m) of one sample."""
+    def unknowns(self, amplitude: float, sample: int) -> FloatArray:
+        """Prior covariance of one sample's C cells and D reflectances, (C + D, C + D)."""
         cell, diagonal = self._gains
-        cells = weighted @ (amplitude**2 * cell + self.roughness[sample] ** 2 * self.cell_design)
-        cells[:, self.kernels.near] += weighted @ self._leak_gain[sample]
+        count, rough = cell.shape[1], self.roughness[sample] ** 2
+        size = count + diagonal.shape[1]
+        prior = np.zeros((size, size))
+        prior[:count, :count] = amplitude**2 * self.kernels.cell
+        if self.local is not None:
+            scale = self.local[sample]
+            prior[:count, :count] += scale[:, None] * self.kernels.local * scale
+        near, leak = self.kernels.near, self.leak_scale[sample]
+        prior[np.ix_(near, near)] += leak[:, None] * self.kernels.leak * leak
+        prior[np.arange(count), np.arange(count)] += rough
+        prior[count:, count:] = self.kernels.diagonal
+        return prior
+
+    def gain(self, amplitude: float, sample: int) -> FloatArray:
+        """Covariance of one sample's values with its C cells and D reflectances, (m, C + D)."""
+        cell, diagonal = self._gains
+        rough = self.roughness[sample] ** 2
+        gain = np.concatenate([amplitude**2 * cell + rough * self.cell_design, diagonal], axis=1)
+        gain[:, self.kernels.near] += self._leak_gain[sample]
         if self._local_gain is not None:
-            cells += weighted @ self._local_gain[sample]
-        return cells, weighted @ diagonal
+            gain[:, : cell.shape[1]] += self._local_gain[sample]
+        return np.asarray(gain)
 
     def explained_variance(self, amplitude: float) -> tuple[FloatArray, FloatArray]:
         """Prior variance of the cells and how much of it the first sample's captures take, (C,)."""
@@ -281,18 +310,33 @@ def reduce(captures: Captures, prior: BackgroundPrior, directions: int) -> Reduc
         np.full((batch, diagonal.shape[1]), prior.reflectance_mean),
         np.full(batch, min(prior.roughness)),
     )  # fmt: skip
-    best = np.full(batch, -np.inf)
-    for roughness in prior.roughness:
-        trial = replace(first, roughness=np.full(batch, roughness))
+    first._grams  # noqa: B018  # made once, for all that follows
+    grid = np.log(np.array(prior.roughness))
+    evidence, reflected = (
+        np.empty((grid.size, batch)),
+        np.empty((grid.size, *first.reflectance.shape)),
+    )
+    for row, roughness in enumerate(prior.roughness):
+        trial = first.but(roughness=np.full(batch, roughness))
         covariance = trial.covariance(prior.signal_amplitude)
         weighted: FloatArray = np.asarray(
             np.linalg.solve(covariance, first.value[..., None])[..., 0], dtype=np.float64
         )
         quadratic = np.einsum("bm,bm->b", weighted, first.value)
-        evidence = -0.5 * (quadratic + np.linalg.slogdet(covariance)[1])
-        _, deviation = trial.background(prior.signal_amplitude, weighted)
-        better = evidence > best
-        first.roughness[better] = roughness
-        first.reflectance[better] = prior.reflectance_mean + deviation[better]
-        best = np.maximum(best, evidence)
-    return replace(first, reflectance=np.clip(first.reflectance, 0.01, 1.0))
+        evidence[row] = -0.5 * (quadratic + np.linalg.slogdet(covariance)[1])
+        reflected[row] = prior.reflectance_mean + weighted @ first._gains[1]
+    best = evidence.argmax(axis=0)
+    chosen = np.exp([_vertex(grid, evidence[:, b], int(best[b])) for b in range(batch)])
+    reflectance = np.clip(reflected[best, np.arange(batch)], 0.01, 1.0)
+    return first.but(reflectance=reflectance, roughness=np.asarray(chosen))
+
+
+def _vertex(grid: FloatArray, value: FloatArray, best: int) -> float:
+    """Where the parabola through the best point of a grid and its neighbours is highest."""
+    if not 0 < best < grid.size - 1:
+        return float(grid[best])
+    x, y = grid[best - 1 : best + 2], value[best - 1 : best + 2]
+    slope, curvature = np.polyfit(x - x[1], y - y[1], 2)[1::-1]
+    if not curvature < 0.0:
+        return float(x[1])
+    return float(x[1] + np.clip(-0.5 * slope / curvature, x[0] - x[1], x[2] - x[1]))

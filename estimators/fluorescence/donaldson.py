@@ -9,16 +9,24 @@ import numpy as np
 from estimators.fluorescence.background import BackgroundPrior, Reduced, reduce
 from estimators.fluorescence.cells import Captures, checked, fingerprint, gather, groups
 from estimators.fluorescence.fit import Fit
-from estimators.fluorescence.posterior_draws import draws, means, remaining_variance, weights
+from estimators.fluorescence.posterior_draws import (
+    UNDETERMINED,
+    draws,
+    hidden,
+    means,
+    remaining_variance,
+    weights,
+)
 from estimators.fluorescence.products import Products, ShapePrior
-from estimators.fluorescence.result import LEVELS, FluorescenceResult, FluorescenceStatus
+from estimators.fluorescence.result import LEVELS, BoolArray, FluorescenceResult, FluorescenceStatus
 from estimators.fluorescence.search import candidates
 from twin.errors import InputError
 from twin.fluorescence.system import FluorescenceData
 from twin.spectra import FloatArray
 
-UNDETERMINED = 0.5
-"""Share of the variance of a smooth prior that is left where a cell counts as undetermined."""
+HIDDEN, VEILED = 0.6, 0.2
+"""Amplitude, over `ALONE`, of fluorescence that may hide in undetermined and in all other cells;
+the captures take it away where they see it. From the coverage on generated matrices."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,17 +107,19 @@ class DonaldsonEstimator:
         weight = weights(fits)
         matrix = means(model, fits, weight)
         remaining = remaining_variance(reduced)
-        unseen = np.where(remaining > UNDETERMINED, remaining, 0.0)
         dark = captures.system.blind()[captures.cells.below_diagonal]
-        unseen[dark] = np.maximum(remaining[dark], UNDETERMINED)
+        unseen = (remaining > UNDETERMINED) | dark
+        least = np.sqrt(np.maximum(1.0, UNDETERMINED / np.maximum(remaining, 1e-6)))
+        least = np.where(unseen, HIDDEN * least, VEILED)
         prior = reduced.kernels.draws(max(settings.draws, 1), settings.seed)
+        widened = hidden(reduced, prior, least)
         results = []
         for index, one in enumerate(data):
             drawn = None
             if settings.draws:
                 drawn = draws(
                     model, fits, weight, index, settings.draws, prior,
-                    settings.seed + 1, unseen,
+                    settings.seed + 1, widened,
                 )  # fmt: skip
             results.append(
                 self._result(one, captures, reduced, fits, weight, index, matrix, drawn, unseen)
@@ -119,7 +129,7 @@ class DonaldsonEstimator:
     def _result(
         self, data: FluorescenceData, captures: Captures, reduced: Reduced, fits: list[Fit],
         weight: FloatArray, index: int, matrices: FloatArray, drawn: FloatArray | None,
-        unseen: FloatArray,
+        unseen: BoolArray,
     ) -> FluorescenceResult:  # fmt: skip
         cells, matrix = captures.cells, matrices[index]
         best = fits[int(weight[:, index].argmax())]
@@ -132,7 +142,7 @@ class DonaldsonEstimator:
             drawn[:, cells.below_diagonal] = np.maximum(drawn[:, cells.below_diagonal], 0.0)
             messages.append(f"intervals widened by {np.sqrt(excess):.3g}")
         undetermined = np.zeros(matrix.shape, dtype=bool)
-        undetermined[cells.below_diagonal] = unseen > 0.0
+        undetermined[cells.below_diagonal] = unseen
         undetermined |= captures.system.blind()
         if undetermined.any():
             messages.append(_where(undetermined, cells.emission_nm, cells.excitation_nm))

@@ -16,6 +16,7 @@ from estimators.fluorescence.mixture_posterior import (
     MixtureDensity,
     relabelled,
 )
+from estimators.fluorescence.nonnegative import back_on_captures
 from estimators.fluorescence.result import LEVELS, FluorescenceResult, FluorescenceStatus
 from estimators.posterior_sampler import Student, sample
 from twin.errors import InputError
@@ -194,11 +195,15 @@ def _matrices(
     left -= cell.reshape(len(points), -1) @ reduced.design.reshape(len(reduced.design), -1).T
     deviation = reflectance - reduced.prior.reflectance_mean + prior.diagonal
     left -= background @ reduced.cell_design.T + deviation @ reduced.diagonal_design.T
-    weighted = np.linalg.solve(reduced.covariance(density.amplitude, 0), left.T).T
-    more, shift = reduced.of_sample(density.amplitude, weighted, 0)
-    total = cell[:, cells.below_diagonal] + background + more
-    diagonal = np.clip(reflectance + prior.diagonal + shift, 0.0, 1.0)
-    return cells.matrix(np.maximum(total, 0.0), diagonal)
+    gain = reduced.gain(density.amplitude, 0)
+    move = np.asarray(np.linalg.solve(reduced.covariance(density.amplitude, 0), gain))
+    size = background.shape[1]
+    free = np.concatenate(
+        [cell[:, cells.below_diagonal] + background, reflectance + prior.diagonal], axis=1
+    )
+    design = np.concatenate([reduced.cell_design, reduced.diagonal_design], axis=1)
+    found = back_on_captures(free + left @ move, design, move, size)
+    return cells.matrix(found[:, :size], found[:, size:])
 
 
 def _moments(density: MixtureDensity, points: FloatArray) -> FloatArray:

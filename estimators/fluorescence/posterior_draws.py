@@ -1,4 +1,4 @@
-"""Draws of the matrix from the weighed candidates: products, then background given products."""
+"""Estimate and draws of the matrix from the weighed candidates, inside the bounds of a matrix."""
 
 from __future__ import annotations
 
@@ -8,9 +8,19 @@ import numpy as np
 
 from estimators.fluorescence.background import PriorDraws, Reduced
 from estimators.fluorescence.fit import Fit
+from estimators.fluorescence.nonnegative import Unknowns, back_on_captures, nearest
 from estimators.fluorescence.products import Products
 from estimators.fluorescence.search import ALONE
 from twin.spectra import FloatArray
+
+UNDETERMINED = 0.5
+"""Share of the variance of a smooth prior that is left where a cell counts as undetermined."""
+WIDER = 0.5
+"""How much wider than normal the products' draws are, per posterior standard deviation [prior
+standard deviations]: where captures say little, the normal approximation at a mode misses most.
+From the coverage of strong cells on generated matrices."""
+NEGLIGIBLE = 0.01
+"""Posterior probability below which a candidate is left out."""
 
 
 def weights(fits: Sequence[Fit]) -> FloatArray:
@@ -18,20 +28,32 @@ def weights(fits: Sequence[Fit]) -> FloatArray:
     evidence = np.array([each.log_evidence for each in fits])
     evidence = np.where(np.isfinite(evidence), evidence, -np.inf)
     relative = np.exp(evidence - evidence.max(axis=0))
-    return np.asarray(relative / relative.sum(axis=0))
+    share = relative / relative.sum(axis=0)
+    share = np.where(share < NEGLIGIBLE, 0.0, share)
+    return np.asarray(share / share.sum(axis=0))
 
 
 def means(model: Products, fits: Sequence[Fit], weight: FloatArray) -> FloatArray:
-    """Weighed matrices at the modes, cells of at least 0, (B, Wo, Wi)."""
+    """Weighed matrices (B, Wo, Wi) at the candidates' modes, each the best inside the bounds."""
     cells = model.cells
     total = np.zeros((weight.shape[1], *cells.below_diagonal.shape))
-    for one, share in zip(fits, weight, strict=True):
+    for one, shares in zip(fits, weight, strict=True):
+        if not np.any(shares > 0.0):
+            continue
         cell, deviation = one.reduced.background(one.amplitude, one.weighted)
         if one.products:
             cell = cell + model.fluorescence(one.parameters)
-        diagonal = one.reduced.prior.reflectance_mean + deviation
-        matrix = cells.matrix(np.maximum(cell, 0.0), np.clip(diagonal, 0.0, 1.0))
-        total += share[:, None, None] * matrix
+        mode = np.concatenate([cell, one.reduced.prior.reflectance_mean + deviation], axis=1)
+        upper = np.ones(mode.shape[1])
+        upper[: cell.shape[1]] = np.inf
+        for sample in np.flatnonzero(shares > 0.0):
+            if np.all((mode[sample] >= 0.0) & (mode[sample] <= upper)):
+                best = mode[sample]
+            else:
+                known = Unknowns.of(one.reduced, one.amplitude, int(sample))
+                best = nearest(mode[sample], known.covariance, np.zeros(upper.size), upper)[0]
+            matrix = cells.matrix(best[: cell.shape[1]], best[cell.shape[1] :])
+            total[sample] += shares[sample] * matrix
     return total
 
 
@@ -43,12 +65,13 @@ def draws(
     count: int,
     prior: PriorDraws,
     seed: int,
-    unseen: FloatArray,
+    hidden: FloatArray,
 ) -> FloatArray:
     """Equally weighted draws of one matrix, shape (N, Wo, Wi).
 
     Product parameters from the normal approximation at each mode; the background given them by
-    Matheron's rule (a prior draw plus the gain times what it leaves unexplained).
+    Matheron's rule (a prior draw plus the gain times what it leaves unexplained); then inside the
+    bounds, as `back_on_captures`.
 
     Args:
         model: the products.
@@ -58,8 +81,7 @@ def draws(
         count: number of draws, N.
         prior: N draws of what is Gaussian.
         seed: of the random numbers.
-        unseen: per cell, 0 to 1: how much of the prior variance is left, (C,); only where a cell is
-            undetermined. There, fluorescence that no capture shows may hide.
+        hidden: draws of what no capture shows in undetermined cells, 0 elsewhere, (N, C).
     """
     random = np.random.Generator(np.random.Philox(key=seed))
     cells = model.cells
@@ -82,21 +104,27 @@ def draws(
         cell = np.zeros_like(background)
         explained = np.zeros((member.size, reduced.value.shape[1]))
         if one.products:
-            factor = np.linalg.cholesky(one.hessian[sample])
-            normal = random.standard_normal((member.size, len(factor)))
-            t = one.parameters[sample].reshape(-1) + np.linalg.solve(factor.T, normal.T).T
+            value, vector = np.linalg.eigh(one.hessian[sample])
+            wide = 1.0 / np.sqrt(np.maximum(value, 1.0))
+            normal = random.standard_normal((member.size, wide.size))
+            t = one.parameters[sample].reshape(-1)
+            t = t + (normal * wide * (1.0 + WIDER * wide)) @ vector.T
             t = t.reshape(member.size, one.products, -1)
             cell = model.fluorescence(t)
             explained = model.values(t)
         left = reduced.value[sample] - explained - noise[member]
         left -= background @ reduced.cell_design.T + diagonal @ reduced.diagonal_design.T
-        covariance = reduced.covariance(one.amplitude, sample)
-        weighted = np.linalg.solve(covariance, left.T).T
-        more, deviation = reduced.of_sample(one.amplitude, weighted, sample)
-        cell = cell + background + more
-        reflectance = reduced.prior.reflectance_mean + diagonal + deviation
-        cell = np.maximum(cell, 0.0) + ALONE * np.sqrt(unseen) * np.abs(prior.cell[member])
-        out[member] = cells.matrix(cell, np.clip(reflectance, 0.0, 1.0))
+        inverse = np.linalg.inv(reduced.covariance(one.amplitude, sample))
+        gain = reduced.gain(one.amplitude, sample)
+        move = inverse @ gain
+        more = left @ move
+        size = cell.shape[1]
+        cell = cell + background + more[:, :size]
+        reflectance = reduced.prior.reflectance_mean + diagonal + more[:, size:]
+        design = np.concatenate([reduced.cell_design, reduced.diagonal_design], axis=1)
+        cut = back_on_captures(np.concatenate([cell, reflectance], axis=1), design, move, size)
+        shown = np.maximum(cut[:, :size] + hidden[member], 0.0)
+        out[member] = cells.matrix(shown, cut[:, size:])
     return out
 
 
@@ -107,3 +135,21 @@ def remaining_variance(reduced: Reduced) -> FloatArray:
     """
     prior, explained = reduced.explained_variance(ALONE)
     return np.asarray(np.clip(1.0 - explained / prior, 0.0, 1.0))
+
+
+def hidden(reduced: Reduced, prior: PriorDraws, scale: FloatArray) -> FloatArray:
+    """Draws (N, C) of smooth fluorescence that the first sample's captures do not show.
+
+    What a prior of amplitude `ALONE` leaves after captures of nothing: its draws less what captures
+    of them would have told. Their sign is either, so that 0 is never excluded by them.
+
+    Args:
+        reduced: the captures.
+        prior: N draws.
+        scale: factor of every cell, (C,).
+    """
+    draw = ALONE * prior.cell
+    told = np.linalg.solve(reduced.covariance(ALONE, 0), (draw @ reduced.cell_design.T).T).T
+    size = draw.shape[1]
+    left = draw - told @ reduced.gain(ALONE, 0)[:, :size]
+    return scale * left

@@ -14,6 +14,7 @@ from twin.toml import near_misses
 _OURS = {
     "donaldson": ("donaldson", "DonaldsonEstimator", "DonaldsonSettings", {}),
     "donaldson-linear": ("donaldson", "DonaldsonEstimator", "DonaldsonSettings", {"products": 0}),
+    "donaldson-quick": ("quick", "DonaldsonQuickEstimator", "DonaldsonQuickSettings", {}),
     "gmm-adam": ("adam", "GmmAdamEstimator", "GmmAdamSettings", {}),
     "blasinski": ("blasinski", "BlasinskiEstimator", "BlasinskiSettings", {}),
     "fluorescence-posterior": (

@@ -8,7 +8,6 @@ are then weighed by their evidence.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -54,7 +53,7 @@ def chain(
         start = one.parameters
         if not found and reduced.prior.local > 0.0:
             around = np.minimum(model.fluorescence(start), LARGEST_CELL)
-            reduced = replace(reduced, local=reduced.prior.local * around)
+            reduced = reduced.but(local=reduced.prior.local * around)
         found.append(one)
     return found
 

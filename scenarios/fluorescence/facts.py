@@ -20,6 +20,7 @@ ESTIMATOR_NOTES = {
     "donaldson": "fluorophores as smooth products over a smooth background, weighed by evidence;"
     " intervals from draws: the first choice",
     "donaldson-linear": "the smooth background alone: one linear solve, quick",
+    "donaldson-quick": "about a millisecond, from a gain kept for the set-up; less exact",
     "fluorescence-posterior": "draws of Gaussians and moments (emcee): the posterior of the"
     " exported model; slow",
     "gmm-adam": "six Gaussians and a diagonal by Adam, then bounded MESE (Iser et al. 2023): for"

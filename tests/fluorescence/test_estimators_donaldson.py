@@ -42,6 +42,7 @@ def test_reflectances_of_the_prior_are_covered_and_the_control_is_not() -> None:
     Understated noise is noticed, and the interval widened: the control takes that back.
     """
     bench = system()
+    # Narrow enough that no reflectance drawn from it leaves 0 to 1, where intervals end.
     prior = BackgroundPrior(reflectance_amplitude=0.1, roughness=(3e-4,))
     settings = DonaldsonSettings(products=0, directions=10_000, background=prior)
     captures = gather([data(material(1), bench)])

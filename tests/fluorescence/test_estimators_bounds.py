@@ -1,0 +1,102 @@
+"""What a matrix can be: estimates and intervals inside the bounds that still fit the captures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from estimators.fluorescence import FluorescenceStatus, fluorescence_estimator
+from estimators.fluorescence.cells import gather
+from estimators.fluorescence.donaldson import DonaldsonEstimator, DonaldsonSettings
+from estimators.fluorescence.nonnegative import back_on_captures, nearest
+from estimators.fluorescence.quick import DonaldsonQuickEstimator, DonaldsonQuickSettings
+from tests.fluorescence.cases import BELOW, data, material, system
+from twin.errors import InputError
+from twin.fluorescence.system import FluorescenceData, FluorescenceSystem
+from twin.spectra import FloatArray
+
+
+def misfit(one: FluorescenceData, matrix: FloatArray) -> float:
+    captures = gather([one])
+    left = captures.value[0] - np.tensordot(captures.design, matrix, 2)
+    return float(left @ np.linalg.solve(captures.covariance[0], left) / left.size)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_nearest_is_the_bounded_least_squares_solution(seed: int) -> None:
+    random = np.random.Generator(np.random.Philox(key=seed))
+    size = 40
+    root = random.standard_normal((size, size)) / np.sqrt(size) + np.eye(size)
+    mode = random.standard_normal(size)
+    upper = np.where(np.arange(size) < 30, np.inf, 0.5)
+    found, at_bound, done = nearest(mode, root @ root.T, np.zeros(size), upper)
+    inverse = np.linalg.inv(root)
+    other = lsq_linear(inverse, inverse @ mode, (0.0, upper), method="bvls").x
+    assert done
+    assert np.allclose(found, other, atol=1e-5)
+    assert np.all(at_bound == ((found <= 0.0) | (found >= upper)))
+    clipped = np.clip(mode, 0.0, upper)
+    assert np.sum((inverse @ (found - mode)) ** 2) < np.sum((inverse @ (clipped - mode)) ** 2)
+
+
+def test_draws_return_to_their_captures() -> None:
+    random = np.random.Generator(np.random.Philox(key=3))
+    design = np.abs(random.standard_normal((6, 40)))
+    draws = 0.5 + random.standard_normal((50, 40))
+    move = np.linalg.solve(design @ design.T, design)
+    cut = back_on_captures(draws, design, move, 40)
+    target = draws @ design.T
+    clipped = np.maximum(draws, 0.0)
+    assert cut.min() >= 0.0
+    before = np.sqrt(((clipped @ design.T - target) ** 2).mean())
+    assert np.sqrt(((cut @ design.T - target) ** 2).mean()) < 0.3 * before
+
+
+@pytest.mark.parametrize("channels", ["spectrometer", "chip"])
+def test_the_reported_matrix_fits_the_captures(channels: str) -> None:
+    """And setting negative cells of the free mode to 0, as the control, does not."""
+    bench = system(channels)
+    given = [data(material(seed), bench, seed) for seed in range(6)]
+    results = DonaldsonEstimator(DonaldsonSettings(products=0, draws=0)).estimate_batch(given)
+    assert max(misfit(one, r.matrix) for one, r in zip(given, results, strict=True)) < 1.5
+    quick = DonaldsonQuickSettings(rounds=1)
+    rough = DonaldsonQuickEstimator(quick).estimate_batch(given)
+    assert max(misfit(one, r.matrix) for one, r in zip(given, rough, strict=True)) > 1.5
+
+
+def test_undetermined_cells_keep_zero_and_are_wide() -> None:
+    """Without light below 470 nm, what is excited there may be nothing, or much."""
+    full = system()
+    half = FluorescenceSystem(full.illuminants[2:7], full.sensitivities)
+    for seed in (3, 5):
+        result = DonaldsonEstimator().estimate(data(material(seed), half))
+        hidden = result.undetermined & BELOW
+        inside = (material(seed) >= result.quantile[0] - 1e-9) & (
+            material(seed) <= result.quantile[-1] + 1e-9
+        )
+        assert hidden.sum() > 20
+        assert np.mean(result.quantile[0][hidden] <= 1e-9) > 0.6
+        assert inside[hidden].mean() > 0.8
+
+
+def test_quick_is_the_linear_estimate_about() -> None:
+    bench = system()
+    given = [data(material(seed), bench, seed) for seed in range(8)]
+    truth = np.array([material(seed) for seed in range(8)])
+    estimator = fluorescence_estimator("donaldson-quick")
+    linear = fluorescence_estimator("donaldson-linear", draws=0)
+    error = {}
+    for one in (estimator, linear):
+        matrix = np.array([r.matrix for r in one.estimate_batch(given)])
+        error[one.name] = np.median(np.sqrt(((matrix - truth)[:, BELOW] ** 2).mean(axis=1)))
+    assert error["donaldson-quick"] < 1.5 * error["donaldson"]
+    again = estimator.estimate(given[3])
+    assert np.array_equal(again.matrix, estimator.estimate(given[3]).matrix)
+    assert np.all(again.quantile[0] <= again.matrix)
+    assert np.all(again.matrix[BELOW] >= 0.0)
+    chip = estimator.estimate(data(material(1), system("chip")))
+    assert chip.residual.shape == (8, 8)
+    assert chip.status in (FluorescenceStatus.OK, FluorescenceStatus.INCONSISTENT)
+    with pytest.raises(InputError, match="rounds"):
+        fluorescence_estimator("donaldson-quick", rounds=0)

@@ -169,12 +169,15 @@ def dragged(page: Any, seconds: float = 2.0) -> float:
     return float(page.evaluate("window.seen")) / (time.monotonic() - started)
 
 
-def screenshot(file: str, *arguments: str, size: tuple[int, int] = (1280, 800)) -> None:
+def screenshot(
+    file: str, *arguments: str, tab: str = "", size: tuple[int, int] = (1280, 800)
+) -> None:
     """A picture of the page, as the documentation shows it.
 
     Args:
         file: PNG to write.
         *arguments: of `benchtwin explore`.
+        tab: title of the tab; "" takes the first.
         size: width and height of the window [pixel].
     """
     with served(*arguments) as address, browser() as opened:
@@ -182,5 +185,7 @@ def screenshot(file: str, *arguments: str, size: tuple[int, int] = (1280, 800)) 
         page.goto(address)
         page.wait_for_selector("#spectra .main-svg")
         page.wait_for_selector("#tile-albedo")
+        if tab:
+            page.click(f"#tabs label:has-text('{tab}')")
         page.wait_for_timeout(1000)
         page.screenshot(path=file)

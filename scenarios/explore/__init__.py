@@ -4,3 +4,5 @@
 the positions of the sliders, `contours` the appearance map behind it, `figures` draws both as
 plain values for plotly; `page`, `app` and `server` put them before a person.
 """
+
+__all__: list[str] = []

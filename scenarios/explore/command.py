@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from dash import Dash
 
 MISSING = 'pip install "benchtwin[explore]"'
+SHEET = "Set-ups"
+"""Title of the tab of a design study."""
 
 
 def require_dash() -> None:
@@ -36,6 +38,7 @@ def explored(
     *,
     result: Path | None = None,
     diagnosis: Path | None = None,
+    design: Path | None = None,
     console: Console | None = None,
 ) -> Dash:
     """The application of a scenario or measurement, ready: everything is compiled.
@@ -44,6 +47,7 @@ def explored(
         given: see `scenarios.explore.source.source_of`.
         result: an estimate of the measurement.
         diagnosis: a diagnosis.json, or its folder.
+        design: a design.json, or its folder.
         console: is told what happens.
 
     Raises:
@@ -51,17 +55,23 @@ def explored(
     """
     require_dash()
     from scenarios.explore.app import application
+    from scenarios.explore.design import read_design
     from scenarios.explore.diagnosis import read_diagnosis
     from scenarios.explore.model import Explorer
+    from scenarios.explore.setups import setups_moves, setups_part
     from scenarios.explore.source import source_of
 
     console = console or Console(quiet=True)
     source = source_of(given, result)
     found = None if diagnosis is None else read_diagnosis(diagnosis)
+    study = None if design is None else read_design(design)
     with console.step("prepare the fast engine (the first time on a machine takes half a minute)"):
         explorer = Explorer(source)
         explorer.warm()
-    return application(explorer, found)
+    app = application(explorer, found, extra={} if study is None else {SHEET: setups_part(study)})
+    if study is not None:
+        setups_moves(app, study)
+    return app
 
 
 def explore(
@@ -69,6 +79,7 @@ def explore(
     *,
     result: Path | None = None,
     diagnosis: Path | None = None,
+    design: Path | None = None,
     port: int | None = None,
     browser: bool = True,
     console: Console | None = None,
@@ -79,6 +90,7 @@ def explore(
         given: see `scenarios.explore.source.source_of`.
         result: an estimate of the measurement.
         diagnosis: a diagnosis.json, or its folder.
+        design: a design.json, or its folder.
         port: of the loopback address; None takes the first free one.
         browser: open the page.
         console: is told where the page is.
@@ -90,7 +102,7 @@ def explore(
 
     console = console or Console(quiet=True)
     chosen, another = free_port(port)
-    app = explored(given, result=result, diagnosis=diagnosis, console=console)
+    app = explored(given, result=result, diagnosis=diagnosis, design=design, console=console)
     server = serve(app, chosen)
     address = f"http://{HOST}:{chosen}/"
 

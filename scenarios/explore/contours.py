@@ -16,7 +16,7 @@ from scenarios.report.map_plot import ALBEDOS, SIGMAS
 from twin.spectra import FloatArray
 
 if TYPE_CHECKING:
-    from twin.adding_doubling.model import Parts
+    from twin.adding_doubling.model import CapturesModel, Parts
     from twin.bench import Bench
 
 CONTOURS = (0.0, *ALBEDOS)
@@ -42,25 +42,31 @@ class Plane:
     of_sigma: FloatArray
 
 
-def parts_grid(bench: Bench, wavelength_nm: float, n: float, g: float) -> Parts:
-    """What captures are made of, on the grid of `ALBEDO` and `TAU`, arrays of shape (A, T)."""
+def grid_model(bench: Bench, wavelength_nm: float, n: float) -> CapturesModel:
+    """The engine of the grid of `ALBEDO` and `TAU`: any g, one n, one wavelength."""
     from dataclasses import replace
 
     from twin.adding_doubling import captures_model
-    from twin.adding_doubling.model import Parts
     from twin.bench import Sample
 
     # a medium of 1/mm: the thickness is the optical thickness
-    count = len(ALBEDO)
     model = captures_model(
-        bench, [Sample(name="grid", thickness_mm=1.0, n=n)], np.full(count, wavelength_nm)
+        bench,
+        [Sample(name="grid", thickness_mm=1.0, n=n)],
+        np.full(len(ALBEDO), wavelength_nm),
     )
     geometry = model.constants.geometry._replace(planes=np.zeros((len(TAU), 3)), thickness_mm=TAU)
-    model = replace(
+    return replace(
         model,
         constants=model.constants._replace(geometry=geometry),
         nominal=model.nominal._replace(thickness_mm=TAU),
     )
+
+
+def parts_grid(model: CapturesModel, g: float) -> Parts:
+    """What captures are made of, arrays of shape (A, T)."""
+    from twin.adding_doubling.model import Parts
+
     found = model.parts(model.parameters(ALBEDO, 1.0, g))
     return Parts(*(np.asarray(each) for each in found))
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from scenarios.explore.figures import FONT, Figure
-from scenarios.report.figure import BLUE, GREY, INK, PALE, VERMILION
+from scenarios.explore.figures import AXIS_TITLE, FONT, Figure
+from scenarios.report.figure import BLUE, INK, PALE, VERMILION
 from twin.errors import InputError
 from twin.toml import read_text
 
@@ -141,9 +141,9 @@ def effects_figure(found: Diagnosis) -> Figure:
         "data": [
             {
                 "type": "bar", "orientation": "h",
-                "x": [effect.probability for effect in shown],
+                "x": [100 * effect.probability for effect in shown],
                 "y": [effect.name for effect in shown],
-                "text": [f"{100 * effect.probability:.0f} %" for effect in shown],
+                "text": [percent(effect.probability) for effect in shown],
                 "textposition": "outside", "cliponaxis": False,
                 "customdata": [[effect.title, effect.fitted] for effect in shown],
                 "hovertemplate": "%{customdata[0]}<br>%{customdata[1]}<extra></extra>",
@@ -151,16 +151,25 @@ def effects_figure(found: Diagnosis) -> Figure:
             }
         ],
         "layout": {
+            "dragmode": False,
             "font": {"family": FONT, "size": 12.5, "color": INK},
             "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)",
             "margin": {"l": 10, "r": 46, "t": 4, "b": 40}, "bargap": 0.35,
-            "xaxis": {"range": [0, 1], "tickformat": ".0%", "gridcolor": PALE, "zeroline": False,
-                      "title": {"text": "Probability that the effect is at work"}},
-            "yaxis": {"autorange": "reversed", "automargin": True, "tickcolor": GREY,
-                      "ticklabelstandoff": 8},
+            "xaxis": {"range": [0, 100], "ticksuffix": " %", "gridcolor": PALE, "zeroline": False,
+                      "fixedrange": True,
+                      "title": {"text": "Probability that the effect is at work", **AXIS_TITLE}},
+            "yaxis": {"autorange": "reversed", "automargin": True, "ticks": "",
+                      "fixedrange": True, "ticklabelstandoff": 8},
             "showlegend": False,
         },
     }  # fmt: skip
+
+
+def percent(probability: float) -> str:
+    """A probability in words; none is certain, none impossible."""
+    if probability > 0.995:
+        return "> 99 %"
+    return "< 1 %" if probability < 0.005 else f"{100 * probability:.0f} %"
 
 
 def closure_sentence(closure: dict[str, Any]) -> str:

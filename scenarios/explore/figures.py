@@ -126,7 +126,7 @@ def map_figure(source: Source, picture: Picture) -> Figure:
 
 def map_axes() -> Figure:
     """The axes of the appearance map: a figure of its own, under the one that moves."""
-    layout = _layout("I over black [–]", "I over white [–]")
+    layout = layout_of("I over black [–]", "I over white [–]")
     layout["margin"] = {"l": 48, "r": 6, "t": 6, "b": 40}
     for axis in ("xaxis", "yaxis"):
         layout[axis] |= {"range": [-0.03, TOP], "showgrid": False, "dtick": 0.2}
@@ -160,7 +160,7 @@ def spectra_figure(source: Source, picture: Picture) -> Figure:
 
 def spectra_axes(source: Source, picture: Picture) -> Figure:
     """The axes of the spectra; they change only when errors leave the usual decades."""
-    layout = _layout("Wavelength [nm]", "Relative intensity [–]")
+    layout = layout_of("Wavelength [nm]", "Relative intensity [–]")
     low, high = float(source.wavelength_nm[0]), float(source.wavelength_nm[-1])
     room = 0.02 * (high - low) or 1.0
     layout["xaxis"] |= {"range": [low - room, high + room], "anchor": "y2"}
@@ -299,7 +299,8 @@ def _labels(*groups: tuple[FloatArray, list[str], str, str]) -> Figure:
     }  # fmt: skip
 
 
-def _layout(across: str, up: str) -> Figure:
+def layout_of(across: str, up: str) -> Figure:
+    """The look of every figure, with the titles of its axes."""
     axis = {
         "gridcolor": GRID, "linecolor": AXIS, "showline": True, "zeroline": False,
         "fixedrange": True, "ticks": "outside", "ticklen": 4, "tickcolor": AXIS,

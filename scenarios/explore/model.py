@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.explore.contours import Plane, height_of, parts_grid, plane_of
+from scenarios.explore.contours import Plane, grid_model, height_of, parts_grid, plane_of
 from scenarios.explore.moves import move_cosine, move_scale, move_share
 from scenarios.explore.noise import covariance_of, light_of
 from scenarios.explore.sliders import Settings
@@ -239,11 +239,11 @@ class Explorer:
         )
 
     def _plane(self, settings: Settings) -> Plane:
-        source, at = self.source, source_wavelength(self.source, settings)
-        grid = self._remember(
-            ("grid", at, settings.n, settings.g),
-            lambda: parts_grid(source.bench, at, settings.n, settings.g),
-        )
+        bench = self.source.bench
+        at = source_wavelength(self.source, settings)
+        key = (at, settings.n)
+        model = self._remember(("model", *key), lambda: grid_model(bench, at, settings.n))
+        grid = self._remember(("grid", *key, settings.g), lambda: parts_grid(model, settings.g))
         height = self._height(settings.thickness_mm)
         return plane_of(grid, height, settings.thickness_mm, settings.rho_black, settings.rho_white)
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from twin.adding_doubling.streams import condensed
-from twin.bench import Bench, Sample, stack_of
+from twin.bench import Bench, Panel, Sample, stack_of
 from twin.spectra import FloatArray
 from twin.transport.geometry import (
     panel_shape,
@@ -42,9 +43,15 @@ def panel_light(bench: Bench) -> PanelLight:
     distribution of the irradiance over the cosine: a Gauss rule of 8 nodes for it is exact for
     radiance factors that are polynomials of degree 15 in the cosine.
     """
+    return _light_of(bench.panels)
+
+
+@lru_cache(maxsize=64)
+def _light_of(panels: tuple[Panel, ...]) -> PanelLight:
+    """Many models of one bench share its panels, and are made often."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES_PER_SIDE)
     cosine, light = [], []
-    for panel in (panel_shape(panel) for panel in bench.panels):
+    for panel in map(panel_shape, panels):
         a, b = np.meshgrid(nodes * panel.half[0], nodes * panel.half[1], indexing="ij")
         points = (
             np.array(panel.centre)
@@ -61,6 +68,8 @@ def panel_light(bench: Bench) -> PanelLight:
     every, flux = np.concatenate(cosine), np.concatenate(light)
     lit = flux > 0.0
     rule = condensed(every[lit], flux[lit], PANEL_NODES)
+    for own in rule:
+        own.flags.writeable = False
     return PanelLight(*rule, float(every[lit].min()), float(every[lit].max()))
 
 

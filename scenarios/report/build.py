@@ -180,10 +180,12 @@ def _captions(content: Content, maps: Sequence[Map]) -> dict[str, Any]:
 
 def _colour_note(content: Content, colours: Colours) -> str:
     parts = []
-    if content.few:
+    if content.broad:
         parts.append("Few broad channels, joined linearly: the colours are rough.")
         if content.truth is not None:
             parts.append("The truth is averaged over the channels' bands, which are broad.")
+    elif content.few:
+        parts.append("Few wavelengths, joined linearly: the colours are rough.")
     shown = [
         swatch
         for row in colours.rows

@@ -155,8 +155,13 @@ class Content:
 
     @property
     def few(self) -> bool:
-        """Whether points should be drawn one by one (a multispectral chip)."""
+        """Whether points should be drawn one by one."""
         return self.wavelength_nm.size <= 24
+
+    @property
+    def broad(self) -> bool:
+        """Whether what stands for a wavelength is a broad channel of a multispectral chip."""
+        return self.bench.instrument.kind == "chip"
 
     @property
     def has_g(self) -> bool:

@@ -82,7 +82,7 @@ def _sentences(content: Content, counts: dict[Verdict, int], spread: float | Non
     wavelength = content.wavelength_nm
     names = [sample_label(sample) for sample in content.samples]
     listed = "; ".join(names)
-    kind = "broad channels of a multispectral chip" if content.few else "wavelengths"
+    kind = "broad channels of a multispectral chip" if content.broad else "wavelengths"
     said = [
         f"Measured: {listed}, {wavelength.size} {kind} from {wavelength[0]:g} to"
         f" {wavelength[-1]:g} nm."

@@ -232,6 +232,15 @@ def test_what_is_missing_is_said(bare: str) -> None:
     assert not re.search(r"\bnan\b", text, re.IGNORECASE)
 
 
+def test_few_pixels_of_a_spectrometer_are_not_a_chip(tmp_path: Path) -> None:
+    measurement = visit(truth=False, wavelength=np.arange(400.0, 701.0, 30.0))
+    text = Page(written(tmp_path, measurement, estimate(measurement))).text
+    assert "11 wavelengths from 400 to 700 nm" in text
+    assert "Few wavelengths, joined linearly" in text
+    assert "multispectral chip" not in text
+    assert "broad channels" not in text
+
+
 def test_relative_intensities_made_by_hand(tmp_path: Path) -> None:
     values = intensities(WAVELENGTH, THICKNESS, ink(WAVELENGTH))
     names = ("thin", "thick")

@@ -173,6 +173,7 @@ def test_the_silicone_phantom_is_its_authors(shared_data: Path, tmp_path: Path) 
     settings = SphereSettings(method="comparison", incidence_deg=8.0, log2_paths=13)
     author = read_iad_result(folder / "phantom_with_no_slides.result.txt")
     found = estimate_rxt(
+        # The example of docs/spheres.md.
         folder / "phantom_with_no_slides.rxt", g=0.9, settings=settings, out=tmp_path,
         reference=author,
     )  # fmt: skip

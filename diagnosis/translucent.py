@@ -11,6 +11,7 @@ import numpy as np
 
 from diagnosis.kept import KeptEngine
 from diagnosis.problem import Candidate, Channel, EffectValues, Problem, Smoothness
+from diagnosis.reduction import Reduction
 from diagnosis.refit import fit
 from twin.effects import Candidate as Suspect
 from twin.effects import Catalogue, EffectEngine, LeftOut, Readout, World, catalogue
@@ -27,6 +28,10 @@ STEP = 1e-6
 """Of the one-sided differences by which the material's slopes are taken, in its coordinates."""
 FARTHEST = 12.0
 """Largest |coordinate| at which the twin is asked: beyond, nothing changes."""
+LOUD_NOISE = 1.0
+"""Noise of a response [standard deviations of the data] up to which it does no harm."""
+TOLD_FROM_NOISE = 2.0
+"""How many times its noise a response has to be."""
 FIRST_GUESS = (0.9, 2.0, 0.5)
 """Albedo, sigma_t [1/mm] and g where no estimator answers."""
 SMOOTH = Smoothness(length_nm=60.0, sd=(2.0, 1.0, 0.5), nugget=(0.02, 0.01, 0.01))
@@ -122,6 +127,7 @@ def translucent_case(
     )
     fitted = fit(bare).material if material is None else start
     at = physical(fitted)
+    reduction = Reduction.of(bare, bare.jacobian(fitted, {}))
     kept: list[Suspect] = []
     rows: list[FloatArray] = []
     failed = list(left_out)
@@ -134,7 +140,10 @@ def translucent_case(
         if not np.all(np.isfinite(signature)):
             failed.append(LeftOut(suspect.name, "gives values that are no numbers"))
             continue
-        if np.any(signature):
+        unsure = _response_unsure(engine, suspect, at, signature, place, reduction)
+        if unsure:
+            failed.append(LeftOut(suspect.name, unsure))
+        elif np.any(signature):
             kept.append(suspect)
             rows.append(signature.reshape(len(signature), len(at), -1)[..., place])
         else:
@@ -150,6 +159,38 @@ def translucent_case(
         candidates=tuple(map(_candidate, kept)),
     )
     return TranslucentCase(problem, engine, tuple(kept), tuple(failed), data.reasons)
+
+
+def _response_unsure(
+    engine: EffectEngine,
+    suspect: Suspect,
+    material: FloatArray,
+    signature: FloatArray,
+    place: np.ndarray,
+    reduction: Reduction,
+) -> str:
+    """Why an effect cannot be tested with the Monte Carlo's response to it; "" where it can.
+
+    A signature that is mostly noise looks like nothing, and by chance like anything.
+    """
+    if suspect.engine != "monte_carlo":
+        return ""
+    scale = np.array([parameter.prior_scale for parameter in suspect.parameters])
+    error = engine.signature_error(suspect, material)
+
+    def loudness(change: FloatArray) -> float:
+        own = change.reshape(*change.shape[:2], -1)[..., place] * scale[:, None, None]
+        return float(np.sum(reduction(np.moveaxis(own, 0, -1)) ** 2))
+
+    random = np.random.Generator(np.random.Philox(key=1))
+    noise = np.mean([loudness(error * random.standard_normal(error.shape)) for _ in range(4)])
+    signal = loudness(signature)
+    if noise <= LOUD_NOISE**2 or signal >= TOLD_FROM_NOISE**2 * noise:
+        return ""
+    return (
+        f"its response is not known well enough: {np.sqrt(signal):.1f} sigma for one prior scale,"
+        f" of which {np.sqrt(noise):.1f} may be noise of the {engine.paths} light paths"
+    )
 
 
 def coordinates(albedo: FloatArray, sigma_t_per_mm: FloatArray, g: FloatArray) -> FloatArray:

@@ -34,7 +34,7 @@ SUITE, MEASUREMENTS, CLOSED, OUTCOMES = "suite.json", "measurements", "closed", 
 MEASUREMENT, SEAL, SALTS, OPENED = "measurement.nc", "seal.json", "salts.json", "opened.json"
 STRONGER = 4.0
 """By which the lamps drift more in every second measurement of the arm "none"."""
-VERSION = "1"
+VERSION = "2"
 """Of what is made and how it is diagnosed; results of another are not used."""
 
 
@@ -60,7 +60,7 @@ class Suite:
     materials: int = 7
     first: int = 0
     arms: tuple[str, ...] = ARMS
-    paths: int = 1 << 12
+    paths: int = 1 << 13
     nominal_paths: int = 1 << 13
     step_nm: float = 10.0
     response_paths: int = 8192

@@ -18,11 +18,12 @@ fitted to simulations.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from scenarios.design.fluorescent_channels import LEAST_SIGNAL, Pool, pools, subset_pool
+from scenarios.design.fluorescent_fitted import SEARCH, FittedEstimates
 from scenarios.design.fluorescent_linear import LinearEstimates
 from scenarios.design.fluorescent_prior import Population
 from twin.errors import InputError
@@ -88,6 +89,8 @@ def predict_fluorescence(
     draws: int = 2,
     least_signal: float = LEAST_SIGNAL,
     errors: Mapping[str, float] | None = None,
+    steps: int = 0,
+    noise: float = 1.0,
 ) -> FluorescentPrediction:
     """Predict the errors of the estimator `donaldson`.
 
@@ -100,6 +103,9 @@ def predict_fluorescence(
         least_signal: what the channels under one light are reduced by (`Pool`).
         errors: of cheap parts: how many prior scales of each effect of the fluorescence bench
             (`fluorescent_errors.effect_names`) are drawn, unknown to the estimator; None: none.
+        steps: most steps by which products are fitted to every candidate's captures
+            (`fluorescent_fitted.STEPS`); 0: the linear step alone.
+        noise: factor on the errors of the captures, for asking what they matter.
 
     Raises:
         InputError: no set-up, not as many protocols, other wavelengths, fewer than two materials.
@@ -111,8 +117,11 @@ def predict_fluorescence(
         protocols = list(protocol)
     if len(protocols) != len(setups):
         raise InputError(f"{len(protocols)} protocols", f"one, or {len(setups)}", place="protocol")
-    groups = pools(setups, protocols, population, draws, least_signal, errors)
-    return _predicted(groups, len(setups), population, draws)
+    groups = [
+        replace(each, noise=noise**2 * each.noise, draws=noise * each.draws)
+        for each in pools(setups, protocols, population, draws, least_signal, errors, steps > 0)
+    ]
+    return _predicted(groups, len(setups), population, draws, steps)
 
 
 def predict_light_subsets(
@@ -124,6 +133,7 @@ def predict_light_subsets(
     draws: int = 2,
     least_signal: float = LEAST_SIGNAL,
     errors: Mapping[str, float] | None = None,
+    steps: int = 0,
 ) -> FluorescentPrediction:
     """The same for some of the lights of one set-up each: the quick way to try thousands.
 
@@ -135,15 +145,17 @@ def predict_light_subsets(
         draws: of the noise.
         least_signal: as there.
         errors: as there.
+        steps: as there.
 
     Raises:
         InputError: as `predict_fluorescence`; a light that is not there.
     """
     _check(len(subsets), population, draws)
     pool = subset_pool(
-        setup, subsets, protocol or FluorescenceProtocol(), population, draws, least_signal, errors
-    )
-    return _predicted([pool], len(subsets), population, draws)
+        setup, subsets, protocol or FluorescenceProtocol(), population, draws, least_signal, errors,
+        steps > 0,
+    )  # fmt: skip
+    return _predicted([pool], len(subsets), population, draws, steps)
 
 
 def _check(count: int, population: Population, draws: int) -> None:
@@ -155,7 +167,7 @@ def _check(count: int, population: Population, draws: int) -> None:
 
 
 def _predicted(
-    groups: Sequence[Pool], size: int, population: Population, draws: int
+    groups: Sequence[Pool], size: int, population: Population, draws: int, steps: int
 ) -> FluorescentPrediction:
     batch, count = len(population.materials), population.size
     lower, diagonal = np.zeros((size, batch)), np.zeros((size, batch))
@@ -163,14 +175,17 @@ def _predicted(
     truth = population.truth[:, None]
     for pool in groups:
         linear = LinearEstimates.of(pool, population)
+        method = FittedEstimates(linear, steps) if steps else linear
         for begin in range(0, len(pool.members), CHUNK):
             chosen = pool.members[begin : begin + CHUNK]
             numbers = list(pool.candidates[begin : begin + CHUNK])
-            estimate = linear.estimates(chosen)
+            estimate = method.estimates(chosen)
             error = (estimate - truth) ** 2
             lower[numbers] = np.sqrt(error[..., :count].mean(axis=-1)).mean(axis=-1)
             diagonal[numbers] = np.sqrt(error[..., count:].mean(axis=-1)).mean(axis=-1)
             lab[numbers] = _lab(population, estimate)
+    if steps:
+        lower *= SEARCH
     return FluorescentPrediction(lower, diagonal, _colour(population, lab))
 
 

@@ -46,7 +46,7 @@ class Pool:
         design: captures of every unknown cell, (L, C + D).
         light: (L,).
         noise: covariance of the captures of each material, (B, L, L).
-        draws: of that noise, (B, S, L).
+        draws: errors of the captures in simulated visits, (B, S, L).
         members: which lights each candidate has, by number.
         candidates: numbers of the candidates among those asked for.
     """
@@ -66,6 +66,7 @@ def pools(
     draws: int,
     least_signal: float = LEAST_SIGNAL,
     errors: Mapping[str, float] | None = None,
+    simulated: bool = False,
 ) -> list[Pool]:
     """Group candidates by detector and protocol, and describe each group once.
 
@@ -77,6 +78,8 @@ def pools(
         least_signal: directions with less signal over noise are left out; 0: all are kept.
         errors: of parts, by effect, in prior scales; they are drawn with the noise, unknown to the
             estimator.
+        simulated: draws are the errors of simulated captures; else of their stated covariance,
+            the same for a light whatever else is in the pool.
 
     Raises:
         InputError: a set-up on other wavelengths than the population.
@@ -100,6 +103,7 @@ def pools(
         _pool(
             [setups[n] for n in numbers], protocols[numbers[0]], population, tuple(numbers),
             draws, least_signal, errors or {},
+            simulated,
         )
         for numbers in groups.values()
     ]  # fmt: skip
@@ -109,6 +113,7 @@ def subset_pool(
     setup: FluorescenceSetup, subsets: Sequence[Sequence[int]], protocol: FluorescenceProtocol,
     population: Population, draws: int, least_signal: float = LEAST_SIGNAL,
     errors: Mapping[str, float] | None = None,
+    simulated: bool = False,
 ) -> Pool:  # fmt: skip
     """The pool of one set-up whose candidates are some of its lights each, by number.
 
@@ -121,7 +126,7 @@ def subset_pool(
             raise InputError(
                 f"the lights {tuple(subset)}", f"one or more of 0 to {count - 1}", place="subsets"
             )
-    whole = pools([setup], [protocol], population, draws, least_signal, errors)[0]
+    whole = pools([setup], [protocol], population, draws, least_signal, errors, simulated)[0]
     members = tuple(np.array(sorted(set(each)), dtype=np.intp) for each in subsets)
     return replace(whole, members=members, candidates=tuple(range(len(members))))
 
@@ -129,6 +134,7 @@ def subset_pool(
 def _pool(
     setups: Sequence[FluorescenceSetup], protocol: FluorescenceProtocol, population: Population,
     numbers: tuple[int, ...], draws: int, least_signal: float, errors: Mapping[str, float],
+    simulated: bool,
 ) -> Pool:  # fmt: skip
     lights: list[Illuminant] = []
     rates: list[float] = []
@@ -164,28 +170,48 @@ def _pool(
         [full[:, cells.below_diagonal], full[:, cells.diagonal[0], cells.diagonal[1]]], axis=1
     )
     visits = [
-        corrected(simulate_fluorescence(pool, each, protocol=protocol, seed=NOISE_SEED + number))
+        [
+            corrected(
+                simulate_fluorescence(pool, each, protocol=protocol, seed=_seed(number, draw))
+            )
+            for draw in range(draws if simulated else 1)
+        ]
         for number, each in enumerate(population.materials)
     ]
-    shape = visits[0].value.shape
-    variance = np.array([np.where(each.valid, each.variance, 1.0) for each in visits])
+    shape = visits[0][0].value.shape
+    variance = np.array([np.where(each[0].valid, each[0].variance, 1.0) for each in visits])
     projection, light_of = _projection(design, variance, population, shape, least_signal)
     wrong = np.zeros((len(visits), draws, variance[0].size))
     if errors:
         known_errors = capture_errors(pool, cells.matrix(*_split(population)), errors)
         wrong = known_errors.drawn(draws, NOISE_SEED)
     noise, drawn = [], []
-    for number, (visit, spread) in enumerate(zip(visits, variance, strict=True)):
-        modes = visit.common.reshape(len(visit.common), -1)
-        one = _normal(keys, number, draws, shape[1]) * np.sqrt(spread.reshape(-1))
-        random = np.random.Generator(np.random.Philox(key=[NOISE_SEED, number]))
-        one += random.standard_normal((draws, len(modes))) @ modes + wrong[number]
+    for number, (own, spread) in enumerate(zip(visits, variance, strict=True)):
+        modes = own[0].common.reshape(len(own[0].common), -1)
         shared = modes @ projection.T
         noise.append((projection * spread.reshape(-1)) @ projection.T + shared.T @ shared)
-        drawn.append(one @ projection.T)
+        stated = _normal(keys, number, draws, shape[1]) * np.sqrt(spread.reshape(-1))
+        truth = population.materials[number].physical().matrix.reshape(-1)
+        errors_seen = [
+            np.where(
+                each.valid.reshape(-1),
+                each.value.reshape(-1) - each.system.design().reshape(each.value.size, -1) @ truth,
+                instead,
+            )
+            for each, instead in zip(own, stated, strict=simulated)
+        ]
+        if not simulated:
+            random = np.random.Generator(np.random.Philox(key=[NOISE_SEED, number]))
+            stated += random.standard_normal((draws, len(modes))) @ modes
+        errors_of = np.array(errors_seen) if simulated else stated
+        drawn.append((errors_of + wrong[number]) @ projection.T)
     return Pool(
         projection @ design, light_of, np.array(noise), np.array(drawn), tuple(members), numbers
     )
+
+
+def _seed(material: int, draw: int) -> int:
+    return NOISE_SEED + material + 100_000 * draw
 
 
 def _normal(keys: Sequence[int], material: int, draws: int, channels: int) -> FloatArray:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenarios.design.fluorescent import FluorescentPrediction, typical
+from scenarios.design.fluorescent_fitted import STEPS
 from scenarios.design.fluorescent_population import fluorescent_population
 from scenarios.design.fluorescent_prior import linearised_population
 from scenarios.design.fluorescent_search import SEED_DESIGNS, FluorescentDesign, predict_designs
@@ -17,7 +18,7 @@ from twin.spectra import FloatArray
 
 WITHIN = (0.85, 1.15)
 FIGURES = ("lower", "diagonal", "colour")
-DRAWS = 4
+DRAWS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +60,19 @@ class Comparison:
         return float(spearmanr(one, other).statistic)
 
     def simulated_against(
-        self, number: int, figure: str = "lower"
+        self, number: int, figure: str = "lower", *, predicted: bool = False
     ) -> tuple[FloatArray, FloatArray]:
         """Simulated error over that of one design, and its standard error, material by material.
+
+        Args:
+            number: of that design.
+            figure: "lower", "diagonal" or "colour".
+            predicted: the predicted errors instead.
 
         Returns:
             Geometric mean over the materials, and its standard error, (N,) each.
         """
-        value = getattr(self.simulated, figure)
+        value = getattr(self.predicted if predicted else self.simulated, figure)
         one = np.log(value / value[number])
         found = np.exp(one.mean(axis=1))
         return found, found * one.std(axis=1, ddof=1) / np.sqrt(one.shape[1])
@@ -95,7 +101,9 @@ def compared(
     if not designs or not seeds:
         raise InputError("no design or no seed", "one of each or more", place="designs")
     population = fluorescent_population(materials, seed=population_seed)
-    predicted = predict_designs(designs, linearised_population(population), draws=DRAWS)
+    predicted = predict_designs(
+        designs, linearised_population(population), draws=DRAWS, steps=STEPS
+    )
     found: dict[str, list[FloatArray]] = {name: [] for name in FIGURES}
     for number, design in enumerate(designs):
         visits = [

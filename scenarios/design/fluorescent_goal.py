@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from scenarios.design.fluorescent_prior import Population
 
 FEWEST = 2
-MANY = 100
-"""Factor on the shots at which nothing is left of the noise."""
+QUIET = 0.01
+"""Factor on the noise of the captures at which nothing is left of it."""
 
 
 class FluorescentPredictor:
@@ -54,17 +54,19 @@ class FluorescentPredictor:
         Raises:
             InputError: lights or a detector that nothing is known of.
         """
-        found = self._predicted(candidates, 1)
+        found = self._predicted(candidates)
         columns = {"fluorescence_rmse": found.rmse_lower, "fluorescence_de2000": found.de2000}
         return np.stack([columns[name] for name in self.targets], axis=-1)
 
-    def _predicted(self, candidates: Sequence[Candidate], more: int) -> FluorescentPrediction:
+    def _predicted(
+        self, candidates: Sequence[Candidate], noise: float = 1.0
+    ) -> FluorescentPrediction:
         setups = [self.setup(each) for each in candidates]
         protocols = [
-            FluorescenceProtocol(repeats=each.repeats * more, white_repeats=each.repeats * more)
+            FluorescenceProtocol(repeats=each.repeats, white_repeats=each.repeats)
             for each in candidates
         ]
-        return predict_fluorescence(setups, self.population, protocols)
+        return predict_fluorescence(setups, self.population, protocols, noise=noise)
 
     def setup(self, candidate: Candidate) -> FluorescenceSetup:
         """The set-up of a candidate; of fewer lights than the set has, those spread over it.
@@ -91,7 +93,7 @@ class FluorescentPredictor:
 
     def limits(self, candidate: Candidate) -> dict[str, dict[str, float]]:
         """Share of the noise in the square of every figure; the rest is the set-up's."""
-        own, quiet = (self._predicted([candidate], more) for more in (1, MANY))
+        own, quiet = (self._predicted([candidate], each) for each in (1.0, QUIET))
         shares = {}
         for name, field in (("fluorescence_rmse", "rmse_lower"), ("fluorescence_de2000", "de2000")):
             if name in self.targets:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri
 
+from estimators.fluorescence.background import _vertex as vertex
 from scenarios.design.fluorescent_channels import Pool
 from scenarios.design.fluorescent_prior import Population
 from twin.errors import InputError
@@ -32,6 +33,7 @@ class LinearEstimates:
             (B, S, L), with the covariance `smooth`, (L, L).
         rough: covariance of the captures of single cells with standard deviation 1, (L, L).
         jacobian: of the cells by the products' parameters, I times (C, K P).
+        parameters: where products were linearised, I times (K, P).
     """
 
     pool: Pool
@@ -45,6 +47,7 @@ class LinearEstimates:
     smooth: FloatArray
     rough: FloatArray
     jacobian: tuple[FloatArray, ...]
+    parameters: tuple[FloatArray, ...]
 
     @classmethod
     def of(cls, pool: Pool, population: Population) -> LinearEstimates:
@@ -63,25 +66,21 @@ class LinearEstimates:
             pool, population, material, prior[:-1], gain, mean,
             left[:, None] + pool.draws[material], first[:, None] + pool.draws, prior[-1],
             single @ single.T, tuple(p.jacobian for _, p in items),
+            tuple(p.parameters for _, p in items),
         )  # fmt: skip
 
     def estimates(self, members: Sequence[NDArray[np.intp]]) -> FloatArray:
         """Expected answers (N, B, S, C + D) of N candidates, each a choice of lights."""
         batch, draws, size = self.first.shape
         items, count = len(self.material), len(members)
-        rows = [np.flatnonzero(np.isin(self.pool.light, each)) for each in members]
-        if not all(each.size for each in rows):
-            raise InputError(
-                "a candidate whose lights show nothing to the detector", "lights that it sees",
-                place="setups",
-            )  # fmt: skip
+        rows = [self.rows(each) for each in members]
         alone = np.zeros((batch, count, draws, size))
         alone_inverse = np.zeros((batch, count, size, size))
         rough = np.zeros((batch, count))
         evidence = np.zeros((items + batch, count, draws))
         for n, own in enumerate(rows):
             part = np.ix_(own, own)
-            found = self._first(own)
+            found = self.first_pass(own)
             rough[:, n], alone[:, n][..., own], inverse, evidence[items:, n] = found
             for b in range(batch):
                 alone_inverse[b, n][part] = inverse[b]
@@ -101,12 +100,31 @@ class LinearEstimates:
             out[item] = self._answer(item, weight, inverses, rough[b])
         for b in range(batch):
             out[items + b] = self._answer(items, alone[b], alone_inverse[b], rough[b])
-        return self._mixed(out, evidence)
+        owner = np.concatenate([self.material, np.arange(batch)])
+        return mixed(out, evidence, owner, batch)
 
-    def _first(
-        self, rows: NDArray[np.intp]
+    def rows(self, lights: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Directions that some lights show, (m,).
+
+        Raises:
+            InputError: they show nothing to the detector.
+        """
+        found = np.flatnonzero(np.isin(self.pool.light, lights))
+        if not found.size:
+            raise InputError(
+                "a candidate whose lights show nothing to the detector", "lights that it sees",
+                place="setups",
+            )  # fmt: skip
+        return found
+
+    def first_pass(
+        self, rows: NDArray[np.intp], *, between: bool = False
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Without products, with the roughness of largest evidence.
+
+        Args:
+            rows: directions, (m,).
+            between: also between the values that the prior names, as the estimator has it.
 
         Returns:
             Roughness (B,), weights (B, S, m), inverse covariance (B, m, m), evidence (B, S).
@@ -114,30 +132,26 @@ class LinearEstimates:
         part = np.ix_(rows, rows)
         values = self.first[..., rows]
         base = self.smooth[part] + self.pool.noise.mean(axis=0)[part]
-        choices = self.population.roughness
-        evidence, weights, inverses = [], [], []
-        for roughness in choices:
-            inverse, logarithm = _inverse(base + roughness**2 * self.rough[part])
-            found = values @ inverse
-            evidence.append(-0.5 * ((found * values).sum(axis=2) + logarithm))
-            weights.append(found)
-            inverses.append(inverse)
-        each = np.array(evidence)
+        grid = np.log(np.array(self.population.roughness))
+        tried = [_inverse(base + np.exp(2.0 * level) * self.rough[part]) for level in grid]
+        each = np.array([_evidence(values, *one) for one in tried])
         best = each.mean(axis=2).argmax(axis=0)
-        which = np.arange(len(values))
-        return (
-            np.array(choices)[best], np.array(weights)[best, which], np.array(inverses)[best],
-            each[best, which],
-        )  # fmt: skip
+        level = grid[best]
+        if between:
+            means = each.mean(axis=2)
+            level = np.array([vertex(grid, means[:, b], int(n)) for b, n in enumerate(best)])
+            tried = [_inverse(base + np.exp(2.0 * own) * self.rough[part]) for own in level]
+            best = np.arange(len(values))
+        inverses = np.array([tried[n][0] for n in best])
+        evidence = np.array(
+            [_evidence(own, *tried[n]) for own, n in zip(values, best, strict=True)]
+        )
+        return np.exp(level), values @ inverses, inverses, evidence
 
     def _answer(
         self, kind: int, weight: FloatArray, inverse: FloatArray, rough: FloatArray
     ) -> FloatArray:
-        """Cells inside their bounds (N, S, C + D) of weighed captures (N, S, L).
-
-        What is cut off at the bounds is given back to the captures a few times (alternating
-        projections, von Neumann 1950), so that the answer keeps what was seen.
-        """
+        """Cells inside their bounds (N, S, C + D) of weighed captures (N, S, L)."""
         count, design = self.population.size, self.pool.design
         single = design[:, :count]
 
@@ -149,27 +163,7 @@ class LinearEstimates:
         answer = self.mean[kind] + cells_of(weight)
         if kind < len(self.material):
             answer[..., :count] += self._curvature(kind, weight)
-        shown = answer @ design.T
-        upper = np.ones(answer.shape[-1])
-        upper[:count] = np.inf
-        answer = np.clip(answer, 0.0, upper)
-        for _ in range(PROJECTIONS):
-            missing = (shown - answer @ design.T) @ inverse
-            answer = np.clip(answer + cells_of(missing), 0.0, upper)
-        return np.asarray(answer)
-
-    def _mixed(self, answers: FloatArray, evidence: FloatArray) -> FloatArray:
-        """Answers (N, B, S, C + D) weighed by the evidence of each material's priors."""
-        owner = np.concatenate([self.material, np.arange(len(self.first))])
-        _, count, draws, size = answers.shape
-        out = np.zeros((count, len(self.first), draws, size))
-        for b in range(len(self.first)):
-            mine = np.flatnonzero(owner == b)
-            share = np.exp(evidence[mine] - evidence[mine].max(axis=0))
-            share /= share.sum(axis=0)
-            for each, number in zip(share, mine, strict=True):
-                out[:, b] += each[..., None] * answers[number]
-        return out
+        return inside(answer, design, inverse, cells_of, count)
 
     def _curvature(self, item: int, used: FloatArray) -> FloatArray:
         """What products at their estimated parameters are more than linearised ones, (N, S, C).
@@ -184,6 +178,59 @@ class LinearEstimates:
         )
         linear = self.mean[item, :count] + t @ jacobian.T
         return np.asarray(products.reshape(linear.shape) - linear)
+
+
+def inside(
+    answer: FloatArray, design: FloatArray, inverse: FloatArray,
+    cells_of: Callable[[FloatArray], FloatArray], count: int,
+) -> FloatArray:  # fmt: skip
+    """Answers with cells at 0 or more and reflectances inside 0 to 1.
+
+    What is cut off at the bounds is given back to the captures a few times (alternating
+    projections, von Neumann 1950), so that the answer keeps what was seen.
+
+    Args:
+        answer: cells and reflectances, (..., S, C + D).
+        design: captures of them, (m, C + D).
+        inverse: inverse covariance of the captures, (..., m, m).
+        cells_of: cells of weighed captures (..., S, m).
+        count: C.
+    """
+    shown = answer @ design.T
+    upper = np.ones(answer.shape[-1])
+    upper[:count] = np.inf
+    answer = np.clip(answer, 0.0, upper)
+    for _ in range(PROJECTIONS):
+        missing = (shown - answer @ design.T) @ inverse
+        answer = np.clip(answer + cells_of(missing), 0.0, upper)
+    return np.asarray(answer)
+
+
+def mixed(
+    answers: FloatArray, evidence: FloatArray, owner: NDArray[np.intp], batch: int
+) -> FloatArray:
+    """Answers weighed by the evidence of each material's priors, (N, B, S, C + D).
+
+    Args:
+        answers: under each of Q priors, (Q, N, S, C + D).
+        evidence: its logarithm, (Q, N, S).
+        owner: material of each prior, (Q,).
+        batch: B.
+    """
+    _, count, draws, size = answers.shape
+    out = np.zeros((count, batch, draws, size))
+    for b in range(batch):
+        mine = np.flatnonzero(owner == b)
+        share = np.exp(evidence[mine] - evidence[mine].max(axis=0))
+        share /= share.sum(axis=0)
+        for each, number in zip(share, mine, strict=True):
+            out[:, b] += each[..., None] * answers[number]
+    return out
+
+
+def _evidence(values: FloatArray, inverse: FloatArray, logarithm: float) -> FloatArray:
+    """Log evidence (...) of values (..., m)."""
+    return np.asarray(-0.5 * (((values @ inverse) * values).sum(axis=-1) + logarithm))
 
 
 def _inverse(covariance: FloatArray) -> tuple[FloatArray, float]:

@@ -43,12 +43,14 @@ class LinearPrior:
         mean: of fluorescence cells and diagonal, (C + D,).
         covariance: (C + D, C + D).
         jacobian: of the fluorescence cells by the products' whitened parameters, (C, K P).
+        parameters: where they were linearised, (K, P).
     """
 
     products: int
     mean: FloatArray
     covariance: FloatArray
     jacobian: FloatArray
+    parameters: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +141,9 @@ def linearised_population(
             around = np.minimum(value[row], 1.0) * prior.local
             local = np.outer(around, around) * known.local
             covariance[:count, :count] += jacobian[row] @ jacobian[row].T + local
-            found[index].append(LinearPrior(number, mean, covariance, jacobian[row]))
+            found[index].append(
+                LinearPrior(number, mean, covariance, jacobian[row], parameters[row])
+            )
         # A product more is for what is left over; the estimator rarely takes one for nothing.
         more = ((value - truth[needed, :count]) ** 2).mean(axis=1) > LEFT_OVER**2
         needed, start = needed[more], parameters[more]

@@ -58,19 +58,20 @@ SEED_DESIGNS: dict[str, FluorescentDesign] = {
 
 
 def predict_designs(
-    designs: Sequence[FluorescentDesign], population: Population, *, draws: int = 2
+    designs: Sequence[FluorescentDesign], population: Population, *, draws: int = 2, steps: int = 0
 ) -> FluorescentPrediction:
-    """Predict the accuracy of N designs."""
+    """Predict the accuracy of N designs; `steps` as in `predict_fluorescence`."""
     return predict_fluorescence(
         [each.setup for each in designs], population, [each.protocol for each in designs],
-        draws=draws,
+        draws=draws, steps=steps,
     )  # fmt: skip
 
 
 def varied_designs(count: int, *, seed: int = 1) -> tuple[FluorescentDesign, ...]:
     """Designs for comparing prediction and simulation: chosen at random, not by their results.
 
-    Three to eight lights of L1 or of L2, either detector in turn, 1, 3 or 10 shots.
+    Three to eight lights of L1 or of L2, either detector in turn, 1, 3 or 10 shots; all distinct,
+    none of them one of `SEED_DESIGNS`.
 
     Raises:
         InputError: a count below 1.
@@ -86,7 +87,7 @@ def varied_designs(count: int, *, seed: int = 1) -> tuple[FluorescentDesign, ...
         detector = "S1" if len(found) % 2 else "S2"
         repeats = int(random.choice([1, 3, 10]))
         one = FluorescentDesign(tuple(pool[n] for n in chosen), detector, repeats)
-        if one not in found:
+        if one not in found and one not in SEED_DESIGNS.values():
             found.append(one)
     return tuple(found)
 

@@ -43,6 +43,7 @@ class Verified:
         error: estimate minus truth, (M, V, W, 3); NaN where there is no estimate.
         width: standard uncertainty that the estimate states, (M, V, W, 3).
         failure: why there is nothing, or "".
+        own: predicted for a bench of light instead of paths, (M, W, 3).
     """
 
     candidate: Candidate
@@ -50,6 +51,31 @@ class Verified:
     error: FloatArray
     width: FloatArray
     failure: str = ""
+    own: FloatArray | None = None
+
+    @property
+    def ratio_error(self) -> FloatArray:
+        """Standard error of `ratio`: jackknife over visits and over wavelengths, added, (3,).
+
+        Visits share nothing but the Monte Carlo's light and maps; the lamps' drift and the errors
+        of parts are common to the wavelengths of one visit.
+        """
+        square = (self.error / self.predicted[:, None]) ** 2
+        total = np.zeros(3)
+        for axis in (1, 2):
+            count = square.shape[axis]
+            each = np.nanmean(square, axis=tuple(k for k in (0, 1, 2) if k != axis))
+            total += np.nanvar(each, axis=0, ddof=1) / max(count, 1) if count > 1 else 0.0
+        return np.asarray(np.sqrt(total) / (2.0 * self.ratio))
+
+    @property
+    def actual(self) -> FloatArray:
+        """Actual errors without the Monte Carlo's share, root mean square, (3,).
+
+        What is predicted for the bench itself, times `ratio`.
+        """
+        own = self.predicted if self.own is None else self.own
+        return np.asarray(self.ratio * np.sqrt(np.nanmean(own**2, axis=(0, 1))))
 
     @property
     def ratio(self) -> FloatArray:
@@ -265,5 +291,5 @@ def _judged(
     expected = predictor.of([candidate], extra).standard[0]
     return Verified(
         candidate, expected, np.array([r["error"] for r in good]),
-        np.array([r["width"] for r in good]),
+        np.array([r["width"] for r in good]), own=predictor.of([candidate]).standard[0],
     )  # fmt: skip

@@ -43,6 +43,7 @@ def design_page(study: Study) -> str:
             )
         ],
         figure_names=list(study.goal.targets.names),
+        fluorescent=study.goal.targets.fluorescent,
         looked=len(found.candidates),
         method=found.method,
         complete=found.complete,

@@ -14,7 +14,7 @@ from scenarios.design.fluorescent_linear import LinearEstimates
 from scenarios.design.fluorescent_parts import SEED_LIGHTS, assembled
 from scenarios.design.fluorescent_population import fluorescent_population
 from scenarios.design.fluorescent_prior import Population, linearised_population
-from scenarios.design.fluorescent_search import SEED_DESIGNS, FluorescentDesign
+from scenarios.design.fluorescent_search import SEED_DESIGNS, FluorescentDesign, varied_designs
 from twin.errors import InputError
 from twin.fluorescence import FluorescenceProtocol, named_setup
 
@@ -176,3 +176,19 @@ def test_bad_input(population: Population) -> None:
         linearised_population([])
     with pytest.raises(InputError, match="1 materials"):
         predict_fluorescence([setup], linearised_population(fluorescent_population(1)))
+
+
+def test_varied_designs_are_distinct_and_none_of_the_seed() -> None:
+    found = varied_designs(20, seed=2)
+    assert len(set(found)) == 20
+    assert not set(found) & set(SEED_DESIGNS.values())
+
+
+def test_fitted_products_start_at_the_truth_and_settle(population: Population) -> None:
+    setup = named_setup("l1-s2")
+    few, most, more = (
+        predict_fluorescence([setup], population, draws=1, steps=steps) for steps in (1, 15, 40)
+    )
+    # One damped step from the truth stays near it, and would promise too much.
+    assert few.rmse_lower[0] < 0.8 * most.rmse_lower[0]
+    np.testing.assert_allclose(more.lower, most.lower, rtol=0.05)

@@ -42,7 +42,10 @@ CHOOSING, JUDGING = 1, 2
 VARIED, MATERIALS = 16, 24
 PRICES = [2004.0, 29.0, 2165.0, 190.0]
 """Of the seed's L1-S1, L1-S2, L2-S1 and L2-S2 [USD]."""
-_GELS = ("deep_blue", "blue_green", "dark_green", "yellow", "orange", "red", "magenta")
+_TWELVE = (
+    "violet", "blue", "cyan", "green", "amber", "red", "warm_white", "cool_white",
+    "royal_blue", "yellow_green", "orange", "deep_red",
+)  # fmt: skip
 CHALLENGERS = {
     "L1-S2": (
         ("violet", "blue", "cyan", "green", "amber", "cool_white", "yellow_green"), "S2", 3,
@@ -50,12 +53,12 @@ CHALLENGERS = {
     "L1-S1": (
         ("violet", "blue", "cyan", "green", "warm_white", "yellow_green", "orange"), "S1", 3,
     ),
-    "L2-S2": ((*(f"gel_{each}" for each in _GELS), "near_ultraviolet"), "S2", 10),
-    "L2-S1": ((*(f"gel_{each}" for each in _GELS), "near_ultraviolet"), "S1", 10),
+    "L2-S2": (_TWELVE, "S2", 3),
+    "L2-S1": (_TWELVE, "S1", 3),
 }  # fmt: skip
 """Seven LEDs for eight: with S2 the best of all choices of up to eight of thirteen LEDs that cost
-less than L1's and are as good in all three figures; with S1 among its best forty. L2's gels on one
-white LED instead of the panel, with ten shots. All chosen by prediction on population 1."""
+less than L1's and are as good in all three figures; with S1 among its best forty. For filters on a
+panel: the LEDs of L1 and four more. All chosen by prediction on population 1."""
 
 
 def run(quick: bool) -> dict[str, Any]:

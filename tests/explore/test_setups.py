@@ -129,6 +129,7 @@ def test_a_set_up_is_picked_on_the_page(design: Design, explorer: Explorer) -> N
         assert "rho_white_relative 70\u00a0%" in card.inner_text()
         assert "1.35 times better" in card.inner_text()
         dear = design.setups[-1]
+        page.wait_for_function(DRAWN)
         x, y = page.evaluate(DOT, dear.id)
         page.mouse.click(x, y)
         page.wait_for_function(
@@ -145,6 +146,10 @@ def test_a_set_up_is_picked_on_the_page(design: Design, explorer: Explorer) -> N
         assert complaints == []
 
 
+DRAWN = """() => {
+  const traces = document.querySelectorAll('#setup-plot .scatterlayer .trace');
+  return traces.length > 2 && traces[2].querySelectorAll('path.point').length > 0;
+}"""
 DOT = """id => {
   const graph = document.querySelector('#setup-plot .js-plotly-plot');
   const at = graph.data[2].customdata.indexOf(id);

@@ -15,7 +15,7 @@ import numpy as np
 from diagnosis.problem import Channel, Extra, Problem
 from diagnosis.refit import Fit
 from diagnosis.screening import without_broken
-from diagnosis.translucent import STEP, TranslucentCase, physical
+from diagnosis.translucent import TranslucentCase, material_slopes, physical
 from twin.bench import Bench, Sample
 from twin.effects import Candidate as Suspect
 from twin.effects import EffectEngine, Readout, World
@@ -241,13 +241,9 @@ def _extra(
         raise InputError("captures that are no numbers", "a bench that the engine can predict")
     jacobian = np.zeros((*expected.shape, null.material.shape[1]))
     if not plan.empty:
-        for index in range(null.material.shape[1]):
-            moved = np.zeros_like(null.material)
-            moved[:, index] = STEP
-            ahead, back = (
-                seen(plan.world, physical(null.material + sign * moved)) for sign in (1.0, -1.0)
-            )
-            jacobian[:, :, index] = (ahead - back) / (2.0 * STEP)
+        jacobian = material_slopes(
+            lambda at: seen(plan.world, physical(at)), null.material, expected
+        )
     signatures = np.zeros((len(problem.signatures), *expected.shape))
     suspects = {suspect.name: suspect for suspect in case.suspects}
     for candidate, columns in zip(problem.candidates, problem.columns, strict=True):
@@ -279,13 +275,13 @@ def _noise(
     moved_by: list[FloatArray],
 ) -> tuple[FloatArray, FloatArray]:
     """Covariance of an extra capture: what is independent, and the modes, old ones first."""
-    index = {(c.capture, c.sample, c.repeat): i for i, c in enumerate(problem.channels)}
-    repeats = problem.repeats
+    index: dict[tuple[str, str], dict[int, int]] = {}
+    for number, channel in enumerate(problem.channels):
+        index.setdefault((channel.capture, channel.sample), {})[channel.repeat] = number
     own = []
     for repeat, sample, capture in order:
-        key = (CAPTURES[capture], plan.like[sample], repeats[repeat])
-        first = (CAPTURES[capture], plan.like[sample], repeats[0])
-        own.append(index.get(key, index[first]))
+        there = index[CAPTURES[capture], plan.like[sample]]
+        own.append(there.get(problem.repeats[repeat], there[min(there)]))
     ratio = np.clip(expected / np.maximum(null.predicted[:, own], 1e-6), *RANGE)
     root = np.sqrt(plan.noise * ratio)
     block = problem.independent[:, own][:, :, own] * root[:, :, None] * root[:, None, :]

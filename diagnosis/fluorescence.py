@@ -19,8 +19,9 @@ from diagnosis.fluorescence_model import (
     material_prior,
     readings,
 )
-from diagnosis.problem import Candidate, Channel, EffectValues, Problem
+from diagnosis.problem import Channel, EffectValues, Problem
 from diagnosis.refit import Fit
+from diagnosis.suspects import candidate_of, judgeable
 from diagnosis.verdict import Diagnosis
 from twin.effects import Candidate as Suspect
 from twin.effects import Catalogue, LeftOut, catalogue
@@ -191,24 +192,8 @@ def fluorescence_case(
         lit = twin.lit(about)
         known = unknowns.calibrated(lit, twin.fitted(lit))
         twin = _Twin(bench, Unknowns(data, material_prior(known)), named, about)
-    kept: list[Suspect] = []
-    rows: list[FloatArray] = []
-    failed = list(left_out)
-    for suspect in found:
-        try:
-            signature = twin.signature(suspect)
-        except Exception as reason:  # noqa: BLE001 - a user's entry may raise anything
-            failed.append(LeftOut(suspect.name, f"{type(reason).__name__}: {reason}"))
-            continue
-        if not np.all(np.isfinite(signature)):
-            failed.append(LeftOut(suspect.name, "gives values that are no numbers"))
-        elif not np.any(signature):
-            failed.append(LeftOut(suspect.name, "changes nothing on this bench"))
-        else:
-            kept.append(suspect)
-            rows.append(signature)
-    for each in failed:
-        say(f"left out: {each.name}: {each.reason}")
+    variance = twin.spread(data.variance)
+    tested = judgeable(found, twin.signature, variance.shape, left_out=left_out, say=say)
     modes = np.concatenate([data.common, twin.slopes]).reshape(-1, data.value.size)
     if len(modes) > data.value.size:
         # The same covariance in as many modes as there are data.
@@ -220,7 +205,6 @@ def fluorescence_case(
         for capture in data.captures
         for name in data.data.system.illuminant_names
     )
-    variance = twin.spread(data.variance)
     valid = twin.spread(data.valid.astype(np.float64)) > 0.5
     size = len(channels)
     problem = Problem(
@@ -233,10 +217,10 @@ def fluorescence_case(
         material=np.zeros((len(twin.order), 0)),
         forward=twin.forward,
         jacobian=twin.jacobian,
-        signatures=np.concatenate(rows) if rows else np.empty((0, *variance.shape)),
-        candidates=tuple(map(_candidate, kept)),
+        signatures=tested.signatures,
+        candidates=tuple(map(candidate_of, tested.suspects)),
     )
-    return FluorescenceCase(problem, data, tuple(kept), tuple(failed), _reasons(data), twin)
+    return FluorescenceCase(problem, data, tested.suspects, tested.left_out, _reasons(data), twin)
 
 
 def diagnose_fluorescence(
@@ -315,20 +299,6 @@ def _suspects(
         if effect.name in TOGETHER and single and together.name not in names:
             found = (*found, together)
     return tuple(found), tuple(left_out)
-
-
-def _candidate(suspect: Suspect) -> Candidate:
-    signs = {"any": 0, "positive": 1, "negative": -1}
-    own = suspect.parameters
-    return Candidate(
-        effect=suspect.effect.name,
-        instance=suspect.instance,
-        parameters=tuple(p.name for p in own),
-        units=tuple(p.unit for p in own),
-        prior_scale=tuple(p.prior_scale for p in own),
-        sign=tuple(signs[p.sign] for p in own),
-        limit=tuple(min(p.limit, 10.0 * p.prior_scale) for p in own),
-    )
 
 
 def _reasons(data: Readings) -> tuple[str, ...]:

@@ -41,11 +41,6 @@ SETTLED = 1e-3
 """Change of the unknowns in a step [prior standard deviations, all together] that ends them."""
 NO_FLUORESCENCE = "a white without fluorescence"
 """What the correction expects where it refuses a white for its light."""
-AMPLITUDES = (6e-3, 2e-3, 5e-4)
-PRODUCTS = 2
-STEPS = 15
-DIRECTIONS = 200
-"""As the estimator `donaldson` has them."""
 TWIN = 1e-3
 """The twin's own error, relative, in every reading: bins of 10 nm and linearised unknowns."""
 DISCREPANCIES = (0.0, 1e-3, 3e-3, 0.01, 0.03, 0.1)
@@ -277,15 +272,16 @@ def material_prior(data: FluorescenceData) -> MaterialPrior:
     Raises:
         InputError: captures that no estimator can use.
     """
-    from estimators.fluorescence.background import BackgroundPrior, reduce
-    from estimators.fluorescence.products import Products, ShapePrior
+    from estimators.fluorescence.background import reduce
+    from estimators.fluorescence.donaldson import DonaldsonSettings
+    from estimators.fluorescence.products import Products
     from estimators.fluorescence.search import candidates
 
-    captures = gather([data])
-    prior, cells = BackgroundPrior(), captures.cells
-    reduced = reduce(captures, prior, DIRECTIONS)
-    model = Products(reduced.design, cells, ShapePrior())
-    fits = candidates(reduced, model, AMPLITUDES, STEPS, PRODUCTS)
+    captures, settings = gather([data]), DonaldsonSettings()
+    prior, cells = settings.background, captures.cells
+    reduced = reduce(captures, prior, settings.directions)
+    model = Products(reduced.design, cells, settings.shapes)
+    fits = candidates(reduced, model, settings.amplitudes, settings.steps, settings.products)
     best = max(fits, key=lambda one: float(one.log_evidence[0]))
     found, kernel = best.reduced, best.reduced.kernels
     covariance = best.amplitude**2 * kernel.cell + found.roughness[0] ** 2 * np.eye(
@@ -300,7 +296,7 @@ def material_prior(data: FluorescenceData) -> MaterialPrior:
         places = np.argwhere(cells.below_diagonal)
         each = np.zeros((len(places), *cells.below_diagonal.shape))
         each[np.arange(len(places)), places[:, 0], places[:, 1]] = 1.0
-        one, slope = Products(each, cells, ShapePrior()).values_and_jacobian(best.parameters)
+        one, slope = Products(each, cells, settings.shapes).values_and_jacobian(best.parameters)
         mean = one[0] - slope[0] @ best.parameters[0].reshape(-1)
         covariance = covariance + slope[0] @ slope[0].T
     roots = [_root(covariance), _root(kernel.diagonal)]

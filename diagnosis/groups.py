@@ -61,19 +61,17 @@ def separations(scores: Scores, amplitude: dict[int, FloatArray] | None = None) 
     for i, own in enumerate(scores.columns):
         block = scores.gram[np.ix_(own, own)]
         vectors = _vectors(given.get(i), block, scores.positive[list(own)])
-        for vector in vectors:
-            total = float(vector @ block @ vector)
-            strength[i] = max(strength[i], np.sqrt(max(total, 0.0)))
-        # The largest separation over signs would hide a look-alike; the smallest never does.
         rests = []
         for vector in vectors:
             rest = np.zeros(count)
             total = float(vector @ block @ vector)
+            strength[i] = max(strength[i], np.sqrt(max(total, 0.0)))
             cross = scores.gram[column][:, list(own)] @ vector
             alike = np.where(one_sided & (cross <= 0), 0.0, cross**2 / size)
             rest[alone] = np.sqrt(np.maximum(total - alike, 0.0))
             rest[several] = [_distance(scores, own, vector, scores.columns[j]) for j in several]
             rests.append(rest)
+        # The largest separation over signs would hide a look-alike; the smallest never does.
         separation[i] = np.min(rests, axis=0)
         separation[i, i] = 0.0
     return Separations(strength, separation)

@@ -18,7 +18,7 @@ from diagnosis.screening import NotIdentifiable
 from diagnosis.translucent import NAMES, TranslucentCase, translucent_case
 from diagnosis.verdict import Diagnosis
 from twin.bench import Bench
-from twin.effects import Catalogue, EffectEngine, World, accept, catalogue
+from twin.effects import Catalogue, EffectEngine, LeftOut, World, accept, catalogue
 from twin.errors import InputError
 from twin.measurement import Measurement, observations
 
@@ -122,6 +122,16 @@ class Rounds:
         """All that was accepted, in order."""
         return tuple(each for one in self.rounds for each in one.accepted)
 
+    @property
+    def left_out(self) -> tuple[LeftOut, ...]:
+        """Entries of the catalogue that a round could not use, as the first such round says."""
+        found: dict[str, LeftOut] = {}
+        for number, one in enumerate(self.rounds, start=1):
+            for each in one.case.left_out:
+                reason = each.reason if number == 1 else f"in round {number}: {each.reason}"
+                found.setdefault(each.name, LeftOut(each.name, reason))
+        return tuple(found.values())
+
 
 def diagnose_rounds(
     measurement: Measurement,
@@ -166,11 +176,8 @@ def diagnose_rounds(
         raise InputError(f"{most} rounds", "1 or more", place="rounds")
     if one_thickness(measurement):
         return _nothing_can_show(measurement, effects or catalogue(), seed)
-    bench, rounds, stopped = (
-        measurement.bench,
-        [],
-        f"the number of rounds that was asked for ({most})",
-    )
+    bench, stopped = measurement.bench, f"the number of rounds that was asked for ({most})"
+    rounds: list[Round] = []
     for number in range(most):
         visit = replace(measurement, bench=bench)
         label = "" if most == 1 else f"round {number + 1}: "
@@ -179,6 +186,12 @@ def diagnose_rounds(
                 visit, effects=effects, maps=maps, folder=folder, threads=threads, paths=paths,
                 say=say if number == 0 else _silent, progress=progress,
             )  # fmt: skip
+        if rounds:
+            # what the first round left out has been said; material and bench differ from its
+            known = {each.name for one in rounds for each in one.case.left_out}
+            for each in case.left_out:
+                if each.name not in known:
+                    say(f"left out in round {number + 1}: {each.name}: {each.reason}")
         with step(f"{label}diagnosis"):
             found = diagnose(case.problem, odds=odds, alpha=alpha, seed=seed)
         if proposals and number == 0:

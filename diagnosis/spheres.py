@@ -12,14 +12,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from diagnosis.problem import Channel, Problem
+from diagnosis.problem import Candidate, Channel, Problem
 from diagnosis.refit import fit
 from diagnosis.screening import cannot_show
 from diagnosis.sphere_effects import CATALOGUE, SphereEffect, candidates, without
 from diagnosis.sphere_layout import check, data, labels, numbers, places, start, twin_models
 from diagnosis.sphere_noise import SphereNoise, noise_of
 from diagnosis.sphere_twin import G_LIMIT, READINGS, SphereTwin
+from diagnosis.suspects import judgeable
+from twin.effects import LeftOut
 from twin.measurement.rxt import SphereVisit, read_rxt
+from twin.spectra import FloatArray
 
 if TYPE_CHECKING:
     from diagnosis.verdict import Diagnosis
@@ -40,7 +43,7 @@ class SphereCase:
         problem: what `diagnose` takes.
         twin: predicts the readings.
         noise: what was taken for noise.
-        left_out: entries of the catalogue that change nothing here, and why.
+        left_out: entries of the catalogue that could not be used, and why.
         reasons: what was masked and assumed.
     """
 
@@ -108,11 +111,7 @@ def sphere_case(
         f"{name}, filling {r + 1}" if max(repeats) else name
         for name, r in zip(own_names, repeats, strict=True)
     )  # fmt: skip
-    used = effects if dilutions else tuple(e for e in effects if e.field != "diluent")
-    if diluent:
-        used = tuple(e for e in used if e.field != "diluent")
-    if concentration is None:
-        used = tuple(e for e in used if e.field != "concentration")
+    used, unused = _applicable(effects, dilutions, diluent, concentration is not None)
     twin = SphereTwin(
         twin_models(visits, settings), place[0], place[1], names, captures, shared, held,
         diluent, used, min(settings.log2_paths, 14), settings.seed,
@@ -160,34 +159,48 @@ def sphere_case(
     if cannot_show(bare):
         # nothing can be seen: no noise, no fit and no response would change that
         taken = noise or SphereNoise()
-        return SphereCase(bare, twin, taken, (), (*reasons, taken.reason))
+        return SphereCase(bare, twin, taken, _pairs(unused), (*reasons, taken.reason))
     bare = replace(bare, material=start(visits, settings, twin))
     if fillings is None and concentration is not None:
         fillings = numbers(concentration)
     bare, taken = noise_of(bare, twin, noise, fillings)
     reasons.append(taken.reason)
     fitted = fit(replace(bare, candidates=(), signatures=bare.signatures[:0])).material
-    rows, kept, left = [], [], []
-    for each in found:
+
+    def signature(each: Candidate) -> FloatArray:
         step = 0.1 * each.prior_scale[0]
-        ahead = twin.forward(fitted, {each.name: np.array([step])})
         back = 0.0 if each.sign[0] else -step
-        behind = twin.forward(fitted, {each.name: np.array([back])})
-        signature = (ahead - behind) / (step - back)
-        if not np.isfinite(signature).all():
-            left.append((each.name, "gives values that are no numbers"))
-        elif not np.any(signature):
-            left.append((each.name, "changes nothing in this set-up"))
-        else:
-            kept.append(each)
-            rows.append(signature)
-    for name, reason in left:
-        say(f"left out: {name}: {reason}")
+        ahead, behind = (
+            twin.forward(fitted, {each.name: np.array([value])}) for value in (step, back)
+        )
+        return np.asarray((ahead - behind) / (step - back))[None]
+
+    tested = judgeable(found, signature, shape, left_out=unused, say=say)
     problem = replace(
-        bare, material=fitted, candidates=tuple(kept),
-        signatures=np.array(rows) if rows else bare.signatures[:0],
-    )  # fmt: skip
-    return SphereCase(problem, twin, taken, tuple(left), tuple(reasons))
+        bare, material=fitted, candidates=tested.suspects, signatures=tested.signatures
+    )
+    return SphereCase(problem, twin, taken, _pairs(tested.left_out), tuple(reasons))
+
+
+def _applicable(
+    effects: Sequence[SphereEffect], dilutions: bool, diluent: bool, concentration: bool
+) -> tuple[tuple[SphereEffect, ...], tuple[LeftOut, ...]]:
+    """Effects that these data can have, and why they cannot have the others."""
+    why = {}
+    if not dilutions:
+        why["diluent"] = "only dilutions share a diluent"
+    elif diluent:
+        why["diluent"] = "it is searched together with the material"
+    if not concentration:
+        why["concentration"] = "no concentrations are given"
+    return (
+        tuple(effect for effect in effects if effect.field not in why),
+        tuple(LeftOut(each.name, why[each.field]) for each in effects if each.field in why),
+    )
+
+
+def _pairs(left_out: Sequence[LeftOut]) -> tuple[tuple[str, str], ...]:
+    return tuple((each.name, each.reason) for each in left_out)
 
 
 def diagnose_spheres(

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from diagnosis.kept import KeptEngine
-from diagnosis.problem import Candidate, Channel, EffectValues, Problem, Smoothness
+from diagnosis.problem import Channel, EffectValues, Problem, Smoothness
 from diagnosis.reduction import Reduction
 from diagnosis.refit import fit
+from diagnosis.response_noise import response_doubt
+from diagnosis.suspects import candidate_of, judgeable
 from twin.effects import Candidate as Suspect
 from twin.effects import Catalogue, EffectEngine, LeftOut, Readout, World, catalogue
 from twin.errors import InputError
@@ -28,10 +30,6 @@ STEP = 1e-6
 """Of the one-sided differences by which the material's slopes are taken, in its coordinates."""
 FARTHEST = 12.0
 """Largest |coordinate| at which the twin is asked: beyond, nothing changes."""
-LOUD_NOISE = 1.0
-"""Noise of a response [standard deviations of the data] up to which it does no harm."""
-TOLD_FROM_NOISE = 2.0
-"""How many times its noise a response has to be."""
 FIRST_GUESS = (0.9, 2.0, 0.5)
 """Albedo, sigma_t [1/mm] and g where no estimator answers."""
 SMOOTH = Smoothness(length_nm=60.0, sd=(2.0, 1.0, 0.5), nugget=(0.02, 0.01, 0.01))
@@ -128,69 +126,27 @@ def translucent_case(
     fitted = fit(bare).material if material is None else start
     at = physical(fitted)
     reduction = Reduction.of(bare, bare.jacobian(fitted, {}))
-    kept: list[Suspect] = []
-    rows: list[FloatArray] = []
-    failed = list(left_out)
-    for number, suspect in enumerate(found):
-        try:
-            signature = engine.signature(suspect, at)
-        except Exception as reason:  # noqa: BLE001 - a user's entry may raise anything
-            failed.append(LeftOut(suspect.name, f"{type(reason).__name__}: {reason}"))
-            continue
-        if not np.all(np.isfinite(signature)):
-            failed.append(LeftOut(suspect.name, "gives values that are no numbers"))
-            continue
-        unsure = _response_unsure(engine, suspect, at, signature, place, reduction)
-        if unsure:
-            failed.append(LeftOut(suspect.name, unsure))
-        elif np.any(signature):
-            kept.append(suspect)
-            rows.append(signature.reshape(len(signature), len(at), -1)[..., place])
-        else:
-            failed.append(LeftOut(suspect.name, "changes nothing on this bench"))
-        if progress is not None:
-            progress(number + 1, len(found))
-    for each in failed:
-        say(f"left out: {each.name}: {each.reason}")
+
+    def signature(suspect: Suspect) -> FloatArray:
+        own = engine.signature(suspect, at)
+        return np.asarray(own.reshape(*own.shape[:2], -1)[..., place])
+
+    tested = judgeable(
+        found,
+        signature,
+        data.value.shape,
+        left_out=left_out,
+        doubt=lambda suspect, own: response_doubt(engine, suspect, at, own, place, reduction),
+        say=say,
+        progress=progress,
+    )
     problem = replace(
         bare,
         material=fitted,
-        signatures=np.concatenate(rows) if rows else bare.signatures,
-        candidates=tuple(map(_candidate, kept)),
+        signatures=tested.signatures,
+        candidates=tuple(map(candidate_of, tested.suspects)),
     )
-    return TranslucentCase(problem, engine, tuple(kept), tuple(failed), data.reasons)
-
-
-def _response_unsure(
-    engine: EffectEngine,
-    suspect: Suspect,
-    material: FloatArray,
-    signature: FloatArray,
-    place: np.ndarray,
-    reduction: Reduction,
-) -> str:
-    """Why an effect cannot be tested with the Monte Carlo's response to it; "" where it can.
-
-    A signature that is mostly noise looks like nothing, and by chance like anything.
-    """
-    if suspect.engine != "monte_carlo":
-        return ""
-    scale = np.array([parameter.prior_scale for parameter in suspect.parameters])
-    error = engine.signature_error(suspect, material)
-
-    def loudness(change: FloatArray) -> float:
-        own = change.reshape(*change.shape[:2], -1)[..., place] * scale[:, None, None]
-        return float(np.sum(reduction(np.moveaxis(own, 0, -1)) ** 2))
-
-    random = np.random.Generator(np.random.Philox(key=1))
-    noise = np.mean([loudness(error * random.standard_normal(error.shape)) for _ in range(4)])
-    signal = loudness(signature)
-    if noise <= LOUD_NOISE**2 or signal >= TOLD_FROM_NOISE**2 * noise:
-        return ""
-    return (
-        f"its response is not known well enough: {np.sqrt(signal):.1f} sigma for one prior scale,"
-        f" of which {np.sqrt(noise):.1f} may be noise of the {engine.paths} light paths"
-    )
+    return TranslucentCase(problem, engine, tested.suspects, tested.left_out, data.reasons)
 
 
 def coordinates(albedo: FloatArray, sigma_t_per_mm: FloatArray, g: FloatArray) -> FloatArray:
@@ -215,6 +171,24 @@ def physical(coordinate: FloatArray) -> FloatArray:
     )
 
 
+def material_slopes(
+    forward: Callable[[FloatArray], FloatArray], material: FloatArray, here: FloatArray
+) -> FloatArray:
+    """Derivatives (W, M, 3) of data by the coordinates: a wavelength depends on itself alone.
+
+    Args:
+        forward: coordinates of the fit (W, 3) to data (W, M).
+        material: the coordinates.
+        here: the data there.
+    """
+    columns = []
+    for index in range(material.shape[1]):
+        moved = material.copy()
+        moved[:, index] += STEP
+        columns.append((forward(moved) - here) / STEP)
+    return np.stack(columns, axis=-1)
+
+
 @dataclass(frozen=True, eq=False)
 class _Twin:
     """The prediction of all channels, and its slopes by the material."""
@@ -232,40 +206,27 @@ class _Twin:
         return world
 
     def forward(self, material: FloatArray, values: EffectValues) -> FloatArray:
-        """Expected data (W, M); NaN for a world that cannot be."""
+        """Expected data (W, M); NaN for a world that cannot be.
+
+        Raises:
+            InputError: the world that is described cannot be.
+        """
         try:
             world = self._world(values)
             seen = self.engine.intensities(world, physical(material))
         except InputError:
+            if not values:
+                raise
             return np.full((len(material), self.place.size), np.nan)
         return np.asarray(seen.reshape(len(material), -1)[:, self.place])
 
     def jacobian(self, material: FloatArray, values: EffectValues) -> FloatArray:
-        """Derivatives by the coordinates, (W, M, 3): a wavelength depends on itself alone.
+        """Derivatives by the coordinates, (W, M, 3).
 
         Stray light and width couple wavelengths a little; that part of the slope is left out.
         """
         here = self.forward(material, values)
-        columns = []
-        for index in range(material.shape[1]):
-            moved = material.copy()
-            moved[:, index] += STEP
-            columns.append((self.forward(moved, values) - here) / STEP)
-        return np.stack(columns, axis=-1)
-
-
-def _candidate(suspect: Suspect) -> Candidate:
-    signs = {"any": 0, "positive": 1, "negative": -1}
-    own = suspect.parameters
-    return Candidate(
-        effect=suspect.effect.name,
-        instance=suspect.instance,
-        parameters=tuple(p.name for p in own),
-        units=tuple(p.unit for p in own),
-        prior_scale=tuple(p.prior_scale for p in own),
-        sign=tuple(signs[p.sign] for p in own),
-        limit=tuple(min(p.limit, 10.0 * p.prior_scale) for p in own),
-    )
+        return material_slopes(lambda moved: self.forward(moved, values), material, here)
 
 
 def _finite(

@@ -27,6 +27,7 @@ from twin.spectra import FloatArray
 GAP, LEFT = 0.05, 0.01
 """Nominal error probabilities of the two tests."""
 QUANTILE = 1.6448536269514722
+"""Standard deviations to either end of a 90 % interval."""
 MOST = 2
 
 
@@ -125,8 +126,3 @@ def _fitted(
     value = bounded_step(precision, some.T @ residual, lower, upper)
     error = np.sqrt(np.diag(np.linalg.pinv(precision, hermitian=True)))
     return np.asarray(value * scale), np.asarray(error * scale)
-
-
-def names_of(answer: dict[str, Any]) -> tuple[str, ...]:
-    """The effects of an answer, none without a gap."""
-    return tuple(answer["effects"]) if answer["gap"] else ()

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +26,6 @@ from scenarios.outputs import canonical_json, prepare_folder
 from scenarios.sweep import Workers, sweep
 from twin.errors import InputError
 from twin.files import write_atomically
-
-if TYPE_CHECKING:
-    pass
 
 TASK = "scenarios.blind.make:made"
 

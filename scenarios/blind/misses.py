@@ -42,15 +42,17 @@ def _why(record: Record, answer: Answer) -> str:
         apart = record.label["separability"]
         near = " and ".join(record.label["nearest"])
         return f"{apart:.1f} sigma from {near}, the nearest of the catalogue"
-    if record.arm == "pair":
-        if answer.both(record.truth):
-            return ""
+    pair = record.arm == "pair"
+    if answer.both(record.truth) if pair else answer.first_in(record.truth):
+        return ""
+    for name, reason in record.outcome.get("left_out", ()):
+        if name in record.truth:
+            return f"{name} was left out: {reason}"
+    if pair:
         if not record.visible_pair:
             return f"the fainter is {record.label['apart'] or 0.0:.1f} sigma beside the other"
         missing = [name for name in record.truth if not answer.holds_leading(name)]
         return f"not in the leading set: {', '.join(missing)}"
-    if answer.first_in(record.truth):
-        return ""
     if record.visibility < VISIBLE:
         return f"faint: {record.visibility:.1f} sigma"
     if answer.first_in(record.alike):

@@ -14,6 +14,7 @@ from scenarios.blind.suite import (
     MEASUREMENTS,
     OPENED,
     OUTCOMES,
+    OUTCOMES_FILE,
     SEAL,
     VERSION,
     Suite,
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from diagnosis.translucent import TranslucentCase
 
 TASK = "scenarios.blind.run:diagnosed"
-OUTCOMES_FILE = "outcomes.json"
 LISTED = 12
 """Effects that an outcome lists beyond which only the total of their probabilities is kept."""
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from scenarios.blind.answers import METHODS, Answer, Record, answer_of
+from scenarios.blind.baselines import QUANTILE
 from scenarios.blind.closures import regret, true_closure
 from scenarios.blind.misses import misses
-from scenarios.blind.run import OUTCOMES_FILE
 from scenarios.blind.seal import open_seals, outcomes_digest
-from scenarios.blind.suite import LEVELS, OPENED, OUTCOMES, VISIBLE
+from scenarios.blind.suite import LEVELS, OPENED, OUTCOMES, OUTCOMES_FILE, VISIBLE, read_suite
 from scenarios.outputs import canonical_json
 from twin.errors import InputError
 from twin.files import write_atomically
@@ -37,7 +37,7 @@ def score(*folders: Path) -> dict[str, Any]:
         InputError: a suite that is sealed, or whose outcomes changed after the opening.
     """
     records: list[Record] = []
-    broken = 0
+    broken = before = 0
     for folder in folders:
         if not (folder / OPENED).exists():
             raise InputError(
@@ -52,10 +52,12 @@ def score(*folders: Path) -> dict[str, Any]:
             )  # fmt: skip
         broken += len(opened["broken"])
         outcomes = json.loads((folder / OUTCOMES / OUTCOMES_FILE).read_text(encoding="utf-8"))
-        before = sum(len(open_seals(each)["labels"]) for each in folders[: folders.index(folder)])
         for number, label in opened["labels"].items():
             if int(number) not in opened["broken"] and number in outcomes:
                 records.append(Record(before + int(number), label, outcomes[number]))
+        # of all that the suite has room for: numbers of what could not be made are left free
+        suite = read_suite(folder)
+        before += suite.materials * len(suite.arms)
     figures = figures_of(records) | {"broken_seals": broken}
     write_atomically(folders[0] / SCORE, (canonical_json(figures) + "\n").encode())
     return figures
@@ -93,8 +95,7 @@ def lines(records: Sequence[Record], method: str) -> dict[str, list[float]]:
     """The cases of every line that all methods are compared on, 1 for right (or alarm) each."""
     answers = [(r, answer_of(r, method)) for r in records]
     none = [(r, a) for r, a in answers if r.arm == "none"]
-    visible = {r.number: r for r in visible_singles(records)}
-    single = [(r, a) for r, a in answers if r.number in visible]
+    single = [(r, answer_of(r, method)) for r in visible_singles(records)]
     pairs = [(r, a) for r, a in answers if r.arm == "pair" and r.visible_pair]
     unknown = [(r, a) for r, a in answers if _separable(r)]
     return {
@@ -239,7 +240,7 @@ def interval(cases: Sequence[float]) -> tuple[float, float]:
     count = len(cases)
     if not count:
         return 0.0, 1.0
-    z, rate = 1.6448536269514722, float(np.mean(cases))
+    z, rate = QUANTILE, float(np.mean(cases))
     middle = (rate + z**2 / (2 * count)) / (1 + z**2 / count)
     half = z * np.sqrt(rate * (1 - rate) / count + z**2 / (4 * count**2)) / (1 + z**2 / count)
     return float(middle - half), float(middle + half)

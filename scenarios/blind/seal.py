@@ -13,7 +13,15 @@ import secrets
 from pathlib import Path
 from typing import Any
 
-from scenarios.blind.suite import CLOSED, MEASUREMENTS, OPENED, OUTCOMES, SALTS, SEAL
+from scenarios.blind.suite import (
+    CLOSED,
+    MEASUREMENTS,
+    OPENED,
+    OUTCOMES,
+    OUTCOMES_FILE,
+    SALTS,
+    SEAL,
+)
 from scenarios.outputs import canonical_json, file_digest
 from scenarios.sweep.run import LEDGER
 from twin.errors import InputError
@@ -78,7 +86,7 @@ def open_seals(folder: Path) -> dict[str, Any]:
 
 def outcomes_digest(folder: Path) -> str:
     """SHA-256 of the outcomes as they were written, in their order."""
-    return file_digest(folder / OUTCOMES / "outcomes.json")
+    return file_digest(folder / OUTCOMES / OUTCOMES_FILE)
 
 
 def _read(path: Path) -> dict[str, Any]:

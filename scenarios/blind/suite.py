@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,6 +32,7 @@ FAMILIES = ("ink", "resin")
 """Of materials: the first for development, the second for the published run."""
 SUITE, MEASUREMENTS, CLOSED, OUTCOMES = "suite.json", "measurements", "closed", "outcomes"
 MEASUREMENT, SEAL, SALTS, OPENED = "measurement.nc", "seal.json", "salts.json", "opened.json"
+OUTCOMES_FILE = "outcomes.json"
 STRONGER = 4.0
 """By which the lamps drift more in every second measurement of the arm "none"."""
 VERSION = "2"
@@ -118,10 +119,6 @@ class Suite:
     def text(self) -> str:
         """The suite as JSON."""
         return json.dumps({**asdict(self), "arms": list(self.arms)}, indent=1) + "\n"
-
-    def alone(self) -> Suite:
-        """The suite of one material: all that the diagnosis needs to know."""
-        return replace(self, materials=1, first=0)
 
 
 def read_suite(folder: Path) -> Suite:

@@ -71,6 +71,7 @@ def diagnose_file(
     from scenarios.report_diagnosis import as_json as facts_of
     from scenarios.report_diagnosis.colour import colour_change
     from twin.effects import catalogue
+    from twin.measurement import read_measurement
 
     console = console or Console(quiet=True)
     if rounds < 1:
@@ -89,7 +90,7 @@ def diagnose_file(
             "--dilutions for the translucent bench", "an .rxt file", place="--dilutions"
         )
     effects = catalogue().without(without)
-    measurement = readable(path)
+    measurement = read_measurement(path)
     if bench is not None:
         measurement = with_bench(measurement, bench)
     cache = None if cache is None else cache_of(cache)
@@ -126,17 +127,6 @@ def diagnose_file(
     return {**answer, "report": str(page_file), "bench with what was found": str(folder / BENCH)}
 
 
-def readable(path: Path) -> Measurement:
-    """A measurement of the translucent bench.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    from twin.measurement import read_measurement
-
-    return read_measurement(path)
-
-
 def with_bench(measurement: Measurement, path: Path) -> Measurement:
     """The measurement as taken on another bench; without an instrument there, it keeps its own.
 
@@ -161,11 +151,8 @@ def with_bench(measurement: Measurement, path: Path) -> Measurement:
 def bench_text(rounds: Rounds) -> str:
     """The bench with all that was accepted as TOML, which reads back as the same bench."""
     from scenarios.report_diagnosis.words import accepted_text
-    from twin.measurement.written import _toml
+    from twin.measurement.written import bench_toml
 
-    table = rounds.bench.model_dump(mode="json")
-    # The one field whose None is not what a missing key means.
-    table["size_mm"] = table["size_mm"] or "unbounded"
     said = [f"# accepted: {accepted_text(each)}" for each in rounds.accepted]
     head = "\n".join(["# The bench as benchtwin diagnose left it.", *said])
-    return f"{head}\n{_toml(table)}"
+    return f"{head}\n{bench_toml(rounds.bench)}"

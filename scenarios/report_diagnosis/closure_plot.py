@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from twin.measurement import Truth
 
 TITLES = ("Albedo", "Extinction σt [1/mm]", "Anisotropy g")
-NAMES = ("albedo", "σt", "g")
-
 
 Step = tuple[Sequence[str], tuple[float, float]]
 """Effects that were added, none for what was not accepted, and the excess before and after."""
@@ -75,7 +73,7 @@ def waterfall(steps: Sequence[Step], first: Closure | None) -> str | None:
         for place, (low, high, colour) in enumerate(bars):
             axis.barh(place, high - low, 0.6, low, color=colour)
             ends = place in (0, len(bars) - 1)
-            text = f"{high:.1f}" if ends else f"{low - high:+.1f}".replace("-", "−")
+            text = (f"{high:.1f}" if ends else f"{low - high:+.1f}").replace("-", "−")
             axis.text(
                 max(high, low, 1.645 * noise) + 0.015 * span, place, text, va="center",
                 fontsize=8.5,

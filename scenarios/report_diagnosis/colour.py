@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.report.colour import NEEDED_NM, Observer, Swatch, ciede2000
+from scenarios.report.colour import (
+    NEEDED_NM,
+    VISIBLE_NM,
+    WIDEST_HOLE_NM,
+    Observer,
+    Swatch,
+    ciede2000,
+)
 from twin.errors import InputError
 from twin.spectra import FloatArray
 
@@ -108,11 +115,8 @@ def colour_change(
         return None
     problem = rounds.first.case.problem
     wavelength = problem.wavelength_nm
-    if wavelength[0] > NEEDED_NM[0] or wavelength[-1] < NEEDED_NM[1]:
+    if not _enough(wavelength):
         return None
-    ends = (max(380.0, float(wavelength[0])), min(780.0, float(wavelength[-1])))
-    observer = Observer(*ends)
-    rows = _captures(problem, null, best, observer)
     spectra = [material_of(null.material), material_of(best.material)]
     truth = measurement.truth
     if truth is not None:
@@ -120,16 +124,39 @@ def colour_change(
         own = [np.interp(wavelength, truth.wavelength_nm, column[0]) for column in columns]
         spectra.append(np.stack(own, axis=-1))
     try:
-        swatches = _slab(measurement, wavelength, np.array(spectra), observer)
+        swatches = _slab(measurement, wavelength, np.array(spectra))
     except InputError:
         return None
     true = swatches[2] if truth is not None else None
-    return ColourChange(rows, swatches[0], swatches[1], true, ends)
+    rows = capture_rows(problem, null, best)
+    return ColourChange(rows, swatches[0], swatches[1], true, _ends(wavelength))
 
 
-def _captures(
-    problem: Problem, null: Fit, best: Fit, observer: Observer
+def _enough(wavelength: FloatArray) -> bool:
+    """Whether a colour can be computed from these wavelengths [nm]."""
+    if wavelength.size < 4 or np.diff(wavelength).max() > WIDEST_HOLE_NM:
+        return False
+    return bool(wavelength[0] <= NEEDED_NM[0] and wavelength[-1] >= NEEDED_NM[1])
+
+
+def _ends(wavelength: FloatArray) -> tuple[float, float]:
+    """Part of the visible range that is known [nm]."""
+    low, high = VISIBLE_NM
+    return max(low, float(wavelength[0])), min(high, float(wavelength[-1]))
+
+
+def capture_rows(
+    problem: Problem, null: Fit, best: Fit
 ) -> tuple[tuple[str, str, float, float], ...]:
+    """Sample, background, and CIEDE2000 measured to predicted without and with the effects.
+
+    Every capture over the wavelengths where it is known; one with too few of them is left out.
+
+    Args:
+        problem: the data.
+        null: fit without effects.
+        best: fit with them.
+    """
     rows = []
     for capture, sample in problem.blocks:
         if capture not in ("black", "white"):
@@ -139,33 +166,32 @@ def _captures(
         ]
         seen = problem.valid[:, own]
         good = seen.any(axis=1)
-        if good.sum() < 4 or np.diff(problem.wavelength_nm[good]).max() > 60.0:
+        place = problem.wavelength_nm[good]
+        if not _enough(place):
             continue
+        observer = Observer(*_ends(place))
         value = np.where(seen, problem.value[:, own], 0.0).sum(axis=1)
         value = value[good] / seen[good].sum(axis=1)
 
-        def swatch(curve: FloatArray, place: FloatArray) -> Swatch:
-            return observer.swatch(np.interp(observer.wavelength_nm, place, curve))
-
-        place = problem.wavelength_nm[good]
-        measured = swatch(value, place)
-        pair = [swatch(f.predicted[good][:, own[0]], place) for f in (null, best)]
+        measured, *pair = (
+            observer.swatch(np.interp(observer.wavelength_nm, place, curve))
+            for curve in (value, *(f.predicted[good, own[0]] for f in (null, best)))
+        )
         before, after = (ciede2000(measured, each) or 0.0 for each in pair)
         rows.append((sample, capture, before, after))
     return tuple(rows)
 
 
-def _slab(
-    measurement: Measurement, wavelength: FloatArray, spectra: FloatArray, observer: Observer
-) -> list[Swatch]:
+def _slab(measurement: Measurement, wavelength: FloatArray, spectra: FloatArray) -> list[Swatch]:
     from scenarios.predict.appearance import reflectance_45_0
     from twin.materials import refractive_index
 
     n = refractive_index(measurement.samples[0].n, wavelength)
     factor = reflectance_45_0(spectra, THICKNESS_MM, n, 0.0)
     known = np.isfinite(factor).all(axis=0)
-    if known.sum() < 4:
+    if not _enough(wavelength[known]):
         raise InputError("no appearance at most wavelengths", "one", place="colour")
+    observer = Observer(*_ends(wavelength[known]))
     return [
         observer.swatch(np.interp(observer.wavelength_nm, wavelength[known], row[known]))
         for row in factor

@@ -48,7 +48,7 @@ def draw_evidence(problem: Problem, found: Diagnosis) -> str | None:
     with figure_style():
         figure = new_figure(11.0, 1.2 + 0.2 * len(names))
         axis = figure.subplots()
-        top = max(1.0, *(decades[name] for name in order))
+        top = max([1.0, *decades.values()])
         for place, name in enumerate(names):
             if name not in decades:
                 axis.barh(place, top - LEAST, 0.72, LEAST, color="#eef0f3")
@@ -145,7 +145,7 @@ def _neighbours(distance: FloatArray) -> list[int]:
 
 
 def _frame_pairs(axis: Axes, seen: FloatArray) -> None:
-    """A dot on pairs that are not told apart."""
+    """A circle on pairs that are not told apart."""
     rows, columns = np.nonzero(np.triu(seen < TOLD_APART, 1))
     for first, second in ((rows, columns), (columns, rows)):
         axis.plot(

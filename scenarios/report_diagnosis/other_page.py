@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
+from diagnosis.rounds import ACCEPTED
 from diagnosis.screening import without_broken
 from scenarios.report_diagnosis.closure_plot import waterfall
 from scenarios.report_diagnosis.evidence_plot import draw_evidence, draw_separations
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     from diagnosis.spheres import SphereCase
     from twin.fluorescence.donaldson import DonaldsonMatrix
 
-ACCEPTED = ("effect", "pair", "group")
-"""Verdicts whose leading effects count as added."""
 FEWEST = 4
 """Wavelengths from which on residuals have an autocorrelation worth a picture."""
 SPHERES = (
@@ -198,9 +197,8 @@ def draw_matrix_change(before: DonaldsonMatrix, after: DonaldsonMatrix, names: s
     from scenarios.report_fluorescence.matrix_plot import picture, scale_bar
 
     emission, excitation = before.emission_nm, before.excitation_nm
-    below = emission[:, None] > excitation[None, :] + 1e-6
     # A gap can bend the matrix a hundredfold: what is to be read is the one with the effects.
-    top = max(float(after.matrix[below].max()), 1e-6)
+    top = max(float(after.fluorescence.max()), 1e-6)
     change = after.matrix - before.matrix
     panels = (
         ("Without effects", before.matrix, "viridis", 0.0, top),

@@ -29,7 +29,6 @@ OUTLINED = 6
 """Blocks that are outlined at most."""
 OVERLAID = 3
 """Effects in the overlay."""
-MEAN_CHANNEL = -1
 
 
 def draw_residual_maps(problem: Problem, found: Diagnosis) -> str | None:
@@ -243,19 +242,35 @@ def _linear_change(problem: Problem, null: Fit, hypothesis: tuple[int, ...]) -> 
     return np.asarray(change + followed)
 
 
+def mean_residual(
+    problem: Problem, predicted: FloatArray, own: list[int]
+) -> tuple[FloatArray, FloatArray]:
+    """Measured less predicted, mean of some channels, and its standard error, (W,) each.
+
+    The error holds what is common to all wavelengths as well: it moves a whole curve.
+
+    Args:
+        problem: the data.
+        predicted: of all channels, (W, M).
+        own: indices of the channels.
+    """
+    valid = problem.valid[:, own]
+    count = np.maximum(valid.sum(axis=1), 1)
+    left = np.where(valid, problem.value[:, own] - predicted[:, own], 0.0).sum(axis=1) / count
+    both = valid[:, :, None] & valid[:, None, :]
+    apart = np.where(both, problem.independent[:, own][:, :, own], 0.0).sum(axis=(1, 2))
+    common = np.where(valid, problem.common[:, :, own], 0.0).sum(axis=2)
+    return left, np.sqrt(apart + np.sum(common**2, axis=0)) / count
+
+
 def _signature_panel(
     axis: Axes, problem: Problem, null: Fit, own: list[int], lines: list[tuple[str, FloatArray]]
 ) -> float:
     """Draws one panel; returns the half height that shows nearly all of it [%]."""
     wavelength = problem.wavelength_nm
     scale = 100.0 / np.maximum(null.predicted[:, own].mean(axis=1), 1e-6)
-    valid = problem.valid[:, own]
-    count = np.maximum(valid.sum(axis=1), 1)
-    left = np.where(valid, problem.value[:, own] - null.predicted[:, own], 0.0).sum(axis=1) / count
-    block = problem.independent[:, own][:, :, own]
-    both = valid[:, :, None] & valid[:, None, :]
-    sd = np.sqrt(np.where(both, block, 0.0).sum(axis=(1, 2))) / count
-    good = valid.any(axis=1)
+    left, sd = mean_residual(problem, null.predicted, own)
+    good = problem.valid[:, own].any(axis=1)
     axis.axhline(0.0, color=GREY, lw=0.8)
     axis.errorbar(
         wavelength[good], (left * scale)[good], (sd * scale)[good], fmt="o", ms=2.6, lw=0.8,

@@ -148,7 +148,8 @@ def _sentences(found: Diagnosis) -> list[str]:
     said = []
     if found.verdict not in ("cannot_tell", "none_of_these", "effect", "pair") and found.reason:
         said.append(found.reason[:1].upper() + found.reason[1:] + ".")
-    if found.p == found.p:
+    # Without a gap the reason has said so already.
+    if found.p == found.p and found.verdict != "no_gap":
         said.append(f"Data like these occur without any gap with probability {found.p:.2g}.")
     if found.verdict not in ("no_gap",) and found.unknown_probability == found.unknown_probability:
         said.append(

@@ -135,7 +135,7 @@ def where_sentences(found: Diagnosis, belongs: tuple[str, str] = OF_SAMPLES) -> 
         f"enters in {place_text(e, belongs)}: without it the rest is noise (p = {e.rest:.2g})"
         for e in [entry for entry in found.enters if entry.heals][:2]
     ]
-    return said or ["no block is louder than noise"]
+    return said or ["shows nowhere: no block is louder than noise"]
 
 
 def closure_sentences(found: Diagnosis, colour: ColourChange | None) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,9 @@ import pytest
 
 from scenarios.blind.answers import Record, answer_of
 from scenarios.blind.closures import regret, true_closure
-from scenarios.blind.score import figures_of, interval
+from scenarios.blind.score import figures_of, interval, score
+from scenarios.blind.seal import outcomes_digest
+from scenarios.blind.suite import OPENED, OUTCOMES, OUTCOMES_FILE, SUITE, Suite
 from scenarios.blind.table import table
 
 NAMES = ["gap", "gloss", "drift[black]", "thickness[0.4 mm]"]
@@ -110,6 +114,43 @@ def test_misses_are_listed_with_a_reason() -> None:
     assert set(found) == {1, 3, 4, 8}
     assert found[1].startswith("false alarm")
     assert found[4].startswith("faint")
+
+
+def test_a_miss_of_an_effect_that_was_left_out_says_why() -> None:
+    why = [["gap", "its response is not known well enough"]]
+    single = _outcome("effect", ("gloss", 0.9), left_out=why)
+    pair = _outcome("effect", ("gloss", 0.9), left_out=why)
+    both = _label("pair", ("gap", 8.0), ("gloss", 9.0))
+    records = [Record(0, _label("single", ("gap", 8.0)), single), Record(1, both, pair)]
+    found = [row["why"] for row in figures_of(records)["misses"]]
+    assert found == ["gap was left out: its response is not known well enough"] * 2
+    other = Record(0, _label("single", ("drift[black]", 8.0)), single)
+    assert [row["why"] for row in figures_of([other])["misses"]] == ["another effect was named"]
+
+
+def _opened(folder: Path, suite: Suite, labels: dict[int, dict[str, Any]]) -> Path:
+    """A suite as it is after the opening, where nothing found a gap."""
+    (folder / OUTCOMES).mkdir(parents=True)
+    (folder / SUITE).write_text(suite.text)
+    outcomes = {str(number): _outcome("no_gap") for number in labels}
+    (folder / OUTCOMES / OUTCOMES_FILE).write_text(json.dumps(outcomes))
+    opened = {"labels": {str(number): label for number, label in labels.items()}, "broken": [],
+              "outcomes": outcomes_digest(folder)}  # fmt: skip
+    (folder / OPENED).write_text(json.dumps(opened))
+    return folder
+
+
+def test_suites_are_scored_together_though_materials_could_not_be_made(tmp_path: Path) -> None:
+    """Numbers stay apart: the first of two materials is missing in the first suite."""
+    one = Suite(materials=2, arms=("none", "single"))
+    other = Suite(materials=1, first=2, arms=("single", "none"))
+    loud = _label("single", ("gap", 8.0))
+    first = _opened(tmp_path / "one", one, {2: _label("none"), 3: loud})
+    second = _opened(tmp_path / "other", other, {0: loud, 1: _label("none")})
+    figures = score(first, second)
+    assert figures["measurements"] == 4
+    assert figures["counts"]["top1"][:2] == [0.0, 2]
+    assert [row["number"] for row in figures["misses"]] == [3, 4]
 
 
 def test_look_alikes_count_for_the_group_and_not_for_the_effect() -> None:

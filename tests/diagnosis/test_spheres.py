@@ -121,6 +121,23 @@ def test_the_dilution_that_was_made_wrongly_is_named() -> None:
     assert found.effects[0].parameters[0].value == pytest.approx(0.12, abs=0.03)
 
 
+def test_effects_that_these_data_cannot_have_are_left_out_with_a_reason() -> None:
+    left = dict(control().left_out)
+    assert left["concentration"] == "no concentrations are given"
+    assert left["lost_light"] == "changes nothing in these data"
+    assert left.keys() == {"concentration", "lost_light"}
+    searched = sphere_case(
+        dilutions(), settings=NO_LOSS, dilutions=True, noise=NOISE, diluent=True,
+        concentration=list(SIGMA),
+    )  # fmt: skip
+    assert dict(searched.left_out)["diluent_absorption"].startswith("it is searched")
+    alone = sphere_case(replace(dilutions(), wavelength_nm=np.linspace(400, 500, 6)))
+    assert dict(alone.left_out).keys() == {"diluent_absorption", "concentration"}
+    for case in (control(), searched, alone):
+        names = {each.effect for each in case.problem.candidates} | dict(case.left_out).keys()
+        assert names >= {effect.name for effect in CATALOGUE}, "nothing is dropped in silence"
+
+
 @pytest.mark.parametrize("letters", ["rt", "rtu"])
 def test_one_sample_cannot_tell(letters: str) -> None:
     rows = np.ones(2)

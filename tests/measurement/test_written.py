@@ -26,7 +26,7 @@ from twin.measurement import (
     write_folder,
     write_measurement,
 )
-from twin.measurement.written import _toml
+from twin.measurement.written import toml_text
 from twin.spectra import SpectralTable
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
@@ -190,5 +190,5 @@ _VALUES = st.recursive(
 @settings(deadline=None, derandomize=True, max_examples=50)
 @given(st.dictionaries(st.text(st.characters(exclude_categories=["Cs"]), max_size=6), _VALUES))
 def test_toml_that_is_written_is_read(table: dict[str, object]) -> None:
-    assert tomllib.loads(_toml(table)) == table
-    assert tomllib.loads(_toml(Bench().model_dump(mode="json")))["beam"]["diameter_mm"] == 1.0
+    assert tomllib.loads(toml_text(table)) == table
+    assert tomllib.loads(toml_text(Bench().model_dump(mode="json")))["beam"]["diameter_mm"] == 1.0

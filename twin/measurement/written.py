@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.bench import Sample
+from twin.bench import Bench, Sample
 from twin.errors import InputError
 from twin.files import write_atomically
 from twin.measurement.model import (
@@ -184,10 +184,7 @@ def _files(measurement: Measurement) -> dict[str, str]:
                 f"the sample {sample.name!r}", "a name of printable characters without blanks"
                 " around it", remedy="Rename it before it is written as a table.",
             )  # fmt: skip
-    bench = measurement.bench.model_dump(mode="json")
-    # The one field whose None is not what a missing key means.
-    bench["size_mm"] = bench["size_mm"] or "unbounded"
-    files = {"bench.toml": _toml(bench)}
+    files = {"bench.toml": bench_toml(measurement.bench)}
     if all(_in_table(sample) for sample in measurement.samples):
         files["samples.csv"] = _table(
             ("name", "thickness_mm", "n", "material"),
@@ -195,7 +192,7 @@ def _files(measurement: Measurement) -> dict[str, str]:
         )
     else:
         files[SAMPLES_TOML] = "".join(
-            f"[[samples]]\n{_toml(sample.model_dump(mode='json'))}\n"
+            f"[[samples]]\n{toml_text(sample.model_dump(mode='json'))}\n"
             for sample in measurement.samples
         )
     if measurement.captures is not None:
@@ -207,7 +204,7 @@ def _files(measurement: Measurement) -> dict[str, str]:
     if measurement.truth is not None:
         files[TRUTH] = _truth(measurement, measurement.truth)
     provenance = measurement.provenance.model_dump(mode="json")
-    files[ORIGIN] = _toml({"fingerprint": measurement.fingerprint, "provenance": provenance})
+    files[ORIGIN] = toml_text({"fingerprint": measurement.fingerprint, "provenance": provenance})
     return files
 
 
@@ -309,7 +306,15 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     return text.getvalue()
 
 
-def _toml(table: Mapping[str, Any]) -> str:
+def bench_toml(bench: Bench) -> str:
+    """A bench as TOML with nothing left out: what reads back as the same bench."""
+    table = bench.model_dump(mode="json")
+    # The one field whose None is not what a missing key means.
+    table["size_mm"] = table["size_mm"] or "unbounded"
+    return toml_text(table)
+
+
+def toml_text(table: Mapping[str, Any]) -> str:
     """TOML with a line for every key; None is left out."""
     lines = [f"{_key(key)} = {_value(value)}" for key, value in table.items() if value is not None]
     return "\n".join(lines) + "\n"

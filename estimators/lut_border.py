@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -75,7 +76,7 @@ class Likelihood:
         factor = np.linalg.cholesky(matrix)
         return cls(tables, power, data[kept], np.linalg.inv(factor), fixed_g)
 
-    @property
+    @cached_property
     def box(self) -> tuple[FloatArray, FloatArray]:
         """Least and greatest (albedo, sigma_t, g) that all maps hold, (3,) each."""
         ends = np.array([[(a[0], a[-1]) for a in table.grid.axes] for table in self.tables])
@@ -88,9 +89,7 @@ class Likelihood:
         """Whitened residuals of materials (N, 3) inside the box, (N, M)."""
         columns = []
         for table, power in zip(self.tables, self.power, strict=True):
-            place = table.grid.places(material)
-            rows = np.broadcast_to(power, (len(material), power.size))
-            triple = table.grid.captures(place, rows)
+            triple = table.grid.captures(table.grid.places(material), power[None])
             if self.fixed_g is None:
                 triple[:, 2] = np.exp(triple[:, 2])
             else:
@@ -102,15 +101,15 @@ class Likelihood:
         """Derivatives of the whitened residuals by the parameters, material (3,), (M, 3)."""
         grid = self.tables[0].grid
         low, high = self.box
+        # Both ends of the step along every axis: one row for each, changed in its own column.
+        row, axis = np.arange(6), np.repeat(np.arange(3), 2)
+        place = np.tile(grid.places(material[None]), (6, 1))
+        moved = place[row, axis] + np.tile([-HALF_CELL, HALF_CELL], 3)
+        place[row, axis] = np.clip(moved, 0.0, np.array(grid.shape)[axis] - 1)
         ends = np.tile(material, (6, 1))
-        place = grid.places(material[None])[0]
-        for p in range(3):
-            for side, sign in enumerate((-1.0, 1.0)):
-                moved = place.copy()
-                moved[p] = np.clip(moved[p] + sign * HALF_CELL, 0.0, grid.shape[p] - 1)
-                ends[2 * p + side, p] = np.clip(grid.parameters(moved)[p], low[p], high[p])
+        ends[row, axis] = np.clip(grid.parameters(place)[row, axis], low[axis], high[axis])
         value = self.rest(ends).reshape(3, 2, -1)
-        run = np.array([ends[2 * p + 1, p] - ends[2 * p, p] for p in range(3)])
+        run = np.diff(ends[row, axis].reshape(3, 2))[:, 0]
         slope = (value[:, 1] - value[:, 0]) / np.where(run > 0.0, run, 1.0)[:, None]
         return np.asarray(np.where(run[:, None] > 0.0, slope, 0.0).T)
 

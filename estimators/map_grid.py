@@ -179,46 +179,55 @@ class MapNodes:
         Between nodes -ln(1 - albedo), sigma_t and g run linearly, in which the captures bend
         least; in the last cell below albedo 1 the albedo itself does.
         """
-        columns = [
-            _along(axis, scale, place[..., index])
-            for index, (axis, scale) in enumerate(zip(self.axes, _SCALES, strict=True))
-        ]
-        return np.stack(columns, axis=-1)
+        parameters = np.empty(place.shape)
+        for index, (axis, run, scale) in enumerate(
+            zip(self.axes, self._runs, _SCALES, strict=True)
+        ):
+            parameters[..., index] = _along(axis, run, scale, place[..., index])
+        return parameters
 
     def places(self, parameters: FloatArray) -> FloatArray:
         """Grid coordinates of parameters (..., 3), the inverse of `parameters`; NaN outside."""
-        columns = []
-        for index, (axis, scale) in enumerate(zip(self.axes, _SCALES, strict=True)):
-            value = parameters[..., index]
-            cell = np.clip(np.searchsorted(axis, value, side="right") - 1, 0, axis.size - 2)
-            low, high, here = axis[cell], axis[cell + 1], value
-            with np.errstate(divide="ignore", invalid="ignore"):
-                bent = [scale(part) for part in (low, high, here)]
-                usable = np.isfinite(bent[0]) & np.isfinite(bent[1])
-                fraction = np.where(
-                    usable, (bent[2] - bent[0]) / (bent[1] - bent[0]), (here - low) / (high - low)
-                )
-            within = (value >= axis[0]) & (value <= axis[-1])
-            columns.append(np.where(within, cell + fraction, np.nan))
-        return np.stack(columns, axis=-1)
+        place = np.empty(parameters.shape)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for index, (axis, run, scale) in enumerate(
+                zip(self.axes, self._runs, _SCALES, strict=True)
+            ):
+                value = parameters[..., index]
+                cell = _cell(axis.searchsorted(value, side="right") - 1, axis)
+                low, high = run[cell], run[cell + 1]
+                fraction = (scale(value) - low) / (high - low)
+                if not np.isfinite(run[-1]):
+                    straight = (value - axis[cell]) / (axis[cell + 1] - axis[cell])
+                    fraction = np.where(np.isfinite(high), fraction, straight)
+                within = (value >= axis[0]) & (value <= axis[-1])
+                place[..., index] = np.where(within, cell + fraction, np.nan)
+        return place
+
+    @cached_property
+    def _runs(self) -> tuple[FloatArray, ...]:
+        """The nodes of the three axes on the scales of `parameters`; infinite at albedo 1."""
+        with np.errstate(divide="ignore"):
+            return tuple(scale(axis) for axis, scale in zip(self.axes, _SCALES, strict=True))
 
     def captures(self, place: FloatArray, power: FloatArray) -> FloatArray:
-        """Capture triples at places (W, 3), one wavelength each, shape (W, 3).
+        """Capture triples at places (W, 3), shape (W, 3); NaN where the place is NaN.
 
-        NaN where the place is NaN.
+        Backgrounds are from `power`: of one wavelength each, (W, 2B), or of one for all, (1, 2B).
         """
         shape = np.array(self.shape)
         known = np.asarray(np.isfinite(place).all(axis=-1))
         safe = np.where(known[:, None], place, 0.0)
-        corner = np.clip(np.floor(safe).astype(np.int64), 0, shape - 2)
+        corner = np.minimum(np.maximum(np.floor(safe).astype(np.int64), 0), shape - 2)
         fraction = safe - corner
         order = np.argsort(-fraction, axis=-1, kind="stable")
-        falling = np.take_along_axis(fraction, order, axis=-1)
+        falling = fraction[np.arange(len(place))[:, None], order]
         strides = np.array([shape[1] * shape[2], shape[2], 1])
+        along = strides[order]
         node = corner @ strides
-        total = self._triple(node, power) * (1.0 - falling[:, :1])
+        total: FloatArray = self._triple(node, power) * (1.0 - falling[:, :1])
         for step in range(3):
-            node = node + strides[order[:, step]]
+            node = node + along[:, step]
             rest = falling[:, step + 1] if step < 2 else 0.0
             total += self._triple(node, power) * (falling[:, step] - rest)[:, None]
         total[~known] = np.nan
@@ -246,9 +255,8 @@ class MapNodes:
             power = self.power(np.array([rho_black]), np.array([rho_white]))
             cube = self._triple(np.arange(self.third.size), power).reshape(*self.shape, 3)
             total = np.zeros_like(cube)
-            for index, (axis, scale) in enumerate(zip(self.axes, _SCALES, strict=True)):
-                with np.errstate(divide="ignore"):
-                    run = scale(axis)
+            for index, nodes in enumerate(self._runs):
+                run = nodes.copy()
                 if not np.isfinite(run[-1]):
                     run[-1] = run[-2] + (run[-2] - run[-3] if run.size > 2 else 1.0)
                 total += _bend_along(np.moveaxis(cube, index, 0), run, index) ** 2
@@ -281,12 +289,14 @@ class MapNodes:
         return np.stack(np.unravel_index(node[:, 0], self.shape), axis=-1).astype(np.float64)
 
     def _triple(self, node: NDArray[np.int64], power: FloatArray) -> FloatArray:
+        """Captures (N, 3) of nodes (N,) at `power` (N or 1, 2B)."""
         terms = self.exponent.size
         product = self.series[node] * power
-        return np.stack(
-            [product[:, :terms].sum(axis=1), product[:, terms:].sum(axis=1), self.third[node]],
-            axis=-1,
-        )
+        triple = np.empty((node.size, 3))
+        triple[:, 0] = product[:, :terms].sum(axis=1)
+        triple[:, 1] = product[:, terms:].sum(axis=1)
+        triple[:, 2] = self.third[node]
+        return triple
 
 
 def _spread_out(triple: FloatArray) -> FloatArray:
@@ -321,12 +331,20 @@ def _bend_along(cube: FloatArray, run: FloatArray, index: int) -> FloatArray:
     return np.moveaxis(bend, 0, index)
 
 
-def _along(axis: FloatArray, scale: Any, place: FloatArray) -> FloatArray:
-    cell = np.clip(np.floor(place).astype(np.int64), 0, axis.size - 2)
+def _along(axis: FloatArray, run: FloatArray, scale: Any, place: FloatArray) -> FloatArray:
+    """Values of one axis at places (...); `run` are its nodes on their scale."""
+    cell = _cell(np.floor(place).astype(np.int64), axis)
     fraction = place - cell
-    low, high = axis[cell], axis[cell + 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        bent_low, bent_high = scale(low), scale(high)
-        bent = _INVERSES[scale](bent_low + fraction * (bent_high - bent_low))
-        usable = np.isfinite(bent_low) & np.isfinite(bent_high)
-    return np.asarray(np.where(usable, bent, low + fraction * (high - low)))
+    low, high = run[cell], run[cell + 1]
+    with np.errstate(invalid="ignore"):
+        value = _INVERSES[scale](low + fraction * (high - low))
+    if not np.isfinite(run[-1]):
+        start = axis[cell]
+        straight = start + fraction * (axis[cell + 1] - start)
+        value = np.where(np.isfinite(high), value, straight)
+    return np.asarray(value)
+
+
+def _cell(index: NDArray[np.int64], axis: FloatArray) -> NDArray[np.int64]:
+    """Numbers of cells, those beyond the ends put into the last; `np.clip` is slow on few."""
+    return np.asarray(np.minimum(np.maximum(index, 0), axis.size - 2))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from statistics import NormalDist
@@ -10,6 +9,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.status import ExplainedStatus
 from twin.spectra import FloatArray
 
 PARAMETERS = ("albedo", "sigma_t_per_mm", "g")
@@ -18,92 +18,73 @@ CAPTURES = ("black", "white", "collimated")
 """Order of the captures along every axis of length three."""
 
 
-class Status(enum.IntEnum):
+class Status(ExplainedStatus):
     """What became of one wavelength; the greater, the worse."""
 
-    OK = 0
-    NO_NOISE_STATED = 1
-    AT_BOUND = 2
-    NOT_IDENTIFIABLE = 3
-    INCONSISTENT = 4
-    COLLIMATED_LOST = 5
-    OUTSIDE_MAP = 6
-    CONTRADICTORY = 7
-    MASKED = 8
-    NOT_CONVERGED = 9
-
-    @property
-    def cause(self) -> str:
-        """Why the estimate is as it is."""
-        return _TEXTS[self][0]
-
-    @property
-    def remedy(self) -> str:
-        """What to do about it."""
-        return _TEXTS[self][1]
-
-    @property
-    def text(self) -> str:
-        """Cause and remedy in one line."""
-        return f"{self.cause} {self.remedy}"
+    OK = (
+        0,
+        "The captures determine the material.",
+        "Nothing needs to be done.",
+    )
+    NO_NOISE_STATED = (
+        1,
+        "The captures come with a stated uncertainty of zero, so the interval holds only the "
+        "errors of the map.",
+        "State sigma in relative.csv, or repeat the captures.",
+    )
+    AT_BOUND = (
+        2,
+        "The estimate lies on the border of the range that was searched.",
+        "Compute an appearance map with a wider range; if the border is a physical one "
+        "(albedo 0 or 1), average more captures.",
+    )
+    NOT_IDENTIFIABLE = (
+        3,
+        "The captures hardly depend on at least one parameter here: no scattering (g has no "
+        "meaning), or no light comes back.",
+        "Use the parameters marked identifiable; add a sample of another thickness for the rest.",
+    )
+    INCONSISTENT = (
+        4,
+        "The samples disagree by more than their uncertainty: the interval was widened, or a "
+        "sample whose captures no material gives was left out.",
+        "Measure the thickness where the light passes and check that all samples are of one "
+        "material; then look for an effect that the bench description lacks.",
+    )
+    COLLIMATED_LOST = (
+        5,
+        "The collimated light drowns in noise, so sigma_t has only a lower bound.",
+        "Measure a thinner sample, or raise the integration time and the averages of the "
+        "collimated capture.",
+    )
+    OUTSIDE_MAP = (
+        6,
+        "No material of the appearance map gives these captures; the nearest one is shown.",
+        "Check thickness, refractive index, references and backgrounds against the bench "
+        "description, or compute a map with a wider range.",
+    )
+    CONTRADICTORY = (
+        7,
+        "The captures contradict each other: darker over white than over black, or more light "
+        "behind the sample than without it.",
+        "Check that captures and references were not swapped and share their integration time.",
+    )
+    MASKED = (
+        8,
+        "No sample has all the captures that the estimator needs here.",
+        "See the counted reasons: shorten the exposure where it saturated, lengthen it where "
+        "the reference is dark.",
+    )
+    NOT_CONVERGED = (
+        9,
+        "The solver stopped before it had settled.",
+        "Allow more steps, or start from the appearance map.",
+    )
 
     @property
     def has_value(self) -> bool:
         """Whether the estimate at this wavelength is one, and not the nearest or none."""
         return self < Status.OUTSIDE_MAP
-
-
-_TEXTS = {
-    Status.OK: (
-        "The captures determine the material.",
-        "Nothing needs to be done.",
-    ),
-    Status.NO_NOISE_STATED: (
-        "The captures come with a stated uncertainty of zero, so the interval holds only the "
-        "errors of the map.",
-        "State sigma in relative.csv, or repeat the captures.",
-    ),
-    Status.AT_BOUND: (
-        "The estimate lies on the border of the range that was searched.",
-        "Compute an appearance map with a wider range; if the border is a physical one "
-        "(albedo 0 or 1), average more captures.",
-    ),
-    Status.INCONSISTENT: (
-        "The samples disagree by more than their uncertainty: the interval was widened, or a "
-        "sample whose captures no material gives was left out.",
-        "Measure the thickness where the light passes and check that all samples are of one "
-        "material; then look for an effect that the bench description lacks.",
-    ),
-    Status.NOT_IDENTIFIABLE: (
-        "The captures hardly depend on at least one parameter here: no scattering (g has no "
-        "meaning), or no light comes back.",
-        "Use the parameters marked identifiable; add a sample of another thickness for the rest.",
-    ),
-    Status.COLLIMATED_LOST: (
-        "The collimated light drowns in noise, so sigma_t has only a lower bound.",
-        "Measure a thinner sample, or raise the integration time and the averages of the "
-        "collimated capture.",
-    ),
-    Status.OUTSIDE_MAP: (
-        "No material of the appearance map gives these captures; the nearest one is shown.",
-        "Check thickness, refractive index, references and backgrounds against the bench "
-        "description, or compute a map with a wider range.",
-    ),
-    Status.CONTRADICTORY: (
-        "The captures contradict each other: darker over white than over black, or more light "
-        "behind the sample than without it.",
-        "Check that captures and references were not swapped and share their integration time.",
-    ),
-    Status.MASKED: (
-        "No sample has all the captures that the estimator needs here.",
-        "See the counted reasons: shorten the exposure where it saturated, lengthen it where "
-        "the reference is dark.",
-    ),
-    Status.NOT_CONVERGED: (
-        "The solver stopped before it had settled.",
-        "Allow more steps, or start from the appearance map.",
-    ),
-}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

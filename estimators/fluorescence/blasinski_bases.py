@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimators.fluorescence.background import matern52
+from estimators.fluorescence.background_prior import matern52
 from estimators.fluorescence.products import log_peak
 from twin.errors import InputError
 from twin.spectra import FloatArray

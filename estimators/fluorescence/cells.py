@@ -151,18 +151,23 @@ def gather(data: Sequence[FluorescenceData]) -> Captures:
         value = one.value.reshape(-1)[valid]
         common = one.common.reshape(len(one.common), valid.size)[:, valid]
         covariance = np.diag(one.variance.reshape(-1)[valid]) + common.T @ common
-        diagonal = np.diagonal(covariance)
-        silent = diagonal <= 0.0
-        extra = np.where(silent, (ASSUMED_NOISE * np.abs(value).max()) ** 2, 0.0)
+        extra = assumed_variance(one)
         floor = 1e-14 * np.abs(value).max() ** 2
         values.append(value)
         covariances.append(covariance + np.diag(extra + floor))
-        assumed.append(bool(silent.any()))
+        assumed.append(bool(extra.any()))
     cells = Cells(first.system.emission_nm, first.system.excitation_nm)
     return Captures(
         first.system, cells, np.array(values), np.array(covariances),
         first.valid.reshape(-1), np.array(assumed),
     )  # fmt: skip
+
+
+def assumed_variance(data: FluorescenceData) -> FloatArray:
+    """What is added to the variance of the M valid captures where zero is stated, (M,)."""
+    valid = data.valid
+    silent = data.variance[valid] + (data.common[:, valid] ** 2).sum(axis=0) <= 0.0
+    return np.where(silent, (ASSUMED_NOISE * np.abs(data.value[valid]).max()) ** 2, 0.0)
 
 
 def groups(data: Sequence[FluorescenceData]) -> list[list[int]]:

@@ -192,7 +192,8 @@ class DonaldsonEstimator:
             return FluorescenceStatus.UNDETERMINED_CELLS
         if captures.assumed[index]:
             return FluorescenceStatus.NO_NOISE_STATED
-        if not np.any(quantile[0][captures.cells.below_diagonal] > 1e-4):
+        low = quantile[0][captures.cells.below_diagonal]
+        if np.isfinite(low).all() and not np.any(low > 1e-4):
             return FluorescenceStatus.NO_FLUORESCENCE_SEEN
         return FluorescenceStatus.OK
 

@@ -10,8 +10,6 @@ von Neumann 1950), in the metric of the prior.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,22 +24,17 @@ BLOCKS = 12
 """Rounds that may exchange all offending cells at once without getting better."""
 
 
-@dataclass(frozen=True, eq=False)
-class Unknowns:
-    """Posterior of all unknown cells of one sample, products given: C cells, then D reflectances.
+def posterior_covariance(reduced: Reduced, amplitude: float, sample: int) -> FloatArray:
+    """Of one sample's C cells and D reflectances, products given, (C + D, C + D).
 
-    Attributes:
-        covariance: posterior, (C + D, C + D).
+    Args:
+        reduced: the captures.
+        amplitude: of the background.
+        sample: index of the sample.
     """
-
-    covariance: FloatArray
-
-    @classmethod
-    def of(cls, reduced: Reduced, amplitude: float, sample: int) -> Unknowns:
-        """Of one sample at one amplitude of the background."""
-        factor = np.linalg.cholesky(reduced.covariance(amplitude, sample))
-        white = np.linalg.solve(factor, reduced.gain(amplitude, sample))
-        return cls(reduced.unknowns(amplitude, sample) - white.T @ white)
+    factor = np.linalg.cholesky(reduced.covariance(amplitude, sample))
+    white = np.linalg.solve(factor, reduced.gain(amplitude, sample))
+    return np.asarray(reduced.unknowns(amplitude, sample) - white.T @ white)
 
 
 def nearest(

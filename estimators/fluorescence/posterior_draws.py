@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimators.fluorescence.background import PriorDraws, Reduced
+from estimators.fluorescence.background import Reduced
+from estimators.fluorescence.background_prior import PriorDraws
 from estimators.fluorescence.fit import Fit
-from estimators.fluorescence.nonnegative import Unknowns, back_on_captures, nearest
+from estimators.fluorescence.nonnegative import back_on_captures, nearest, posterior_covariance
 from estimators.fluorescence.products import Products
 from estimators.fluorescence.search import ALONE
 from twin.spectra import FloatArray
@@ -50,8 +51,8 @@ def means(model: Products, fits: Sequence[Fit], weight: FloatArray) -> FloatArra
             if np.all((mode[sample] >= 0.0) & (mode[sample] <= upper)):
                 best = mode[sample]
             else:
-                known = Unknowns.of(one.reduced, one.amplitude, int(sample))
-                best = nearest(mode[sample], known.covariance, np.zeros(upper.size), upper)[0]
+                spread = posterior_covariance(one.reduced, one.amplitude, int(sample))
+                best = nearest(mode[sample], spread, np.zeros(upper.size), upper)[0]
             matrix = cells.matrix(best[: cell.shape[1]], best[cell.shape[1] :])
             total[sample] += shares[sample] * matrix
     return total
@@ -65,7 +66,7 @@ def draws(
     count: int,
     prior: PriorDraws,
     seed: int,
-    hidden: FloatArray,
+    unshown: FloatArray,
 ) -> FloatArray:
     """Equally weighted draws of one matrix, shape (N, Wo, Wi).
 
@@ -81,7 +82,7 @@ def draws(
         count: number of draws, N.
         prior: N draws of what is Gaussian.
         seed: of the random numbers.
-        hidden: draws of what no capture shows in undetermined cells, 0 elsewhere, (N, C).
+        unshown: draws of what the captures do not show, as `hidden` makes them, (N, C).
     """
     random = np.random.Generator(np.random.Philox(key=seed))
     cells = model.cells
@@ -114,16 +115,15 @@ def draws(
             explained = model.values(t)
         left = reduced.value[sample] - explained - noise[member]
         left -= background @ reduced.cell_design.T + diagonal @ reduced.diagonal_design.T
-        inverse = np.linalg.inv(reduced.covariance(one.amplitude, sample))
         gain = reduced.gain(one.amplitude, sample)
-        move = inverse @ gain
+        move = np.linalg.inv(reduced.covariance(one.amplitude, sample)) @ gain
         more = left @ move
         size = cell.shape[1]
         cell = cell + background + more[:, :size]
         reflectance = reduced.prior.reflectance_mean + diagonal + more[:, size:]
         design = np.concatenate([reduced.cell_design, reduced.diagonal_design], axis=1)
         cut = back_on_captures(np.concatenate([cell, reflectance], axis=1), design, move, size)
-        shown = np.maximum(cut[:, :size] + hidden[member], 0.0)
+        shown = np.maximum(cut[:, :size] + unshown[member], 0.0)
         out[member] = cells.matrix(shown, cut[:, size:])
     return out
 

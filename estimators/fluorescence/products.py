@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.fluorescence.background import matern52
+from estimators.fluorescence.background_prior import matern52
 from estimators.fluorescence.cells import Cells
 from twin.spectra import FloatArray
 

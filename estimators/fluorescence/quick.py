@@ -11,13 +11,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.fluorescence.background import BackgroundPrior, reduce
-from estimators.fluorescence.cells import Captures, Cells, checked, fingerprint, gather
-from estimators.fluorescence.nonnegative import Unknowns
+from estimators.fluorescence.cells import (
+    Captures,
+    Cells,
+    assumed_variance,
+    checked,
+    fingerprint,
+    gather,
+)
+from estimators.fluorescence.nonnegative import posterior_covariance
 from estimators.fluorescence.posterior_draws import UNDETERMINED, remaining_variance
 from estimators.fluorescence.result import LEVELS, FluorescenceResult, FluorescenceStatus
 from estimators.fluorescence.search import ALONE
@@ -62,6 +70,7 @@ class _Kept:
         move: unknowns of captures, (M, N); left: residual of captures, (M, M).
         mean: of the unknowns a priori, (N,); upper: bounds, (N,); deviation: posterior, (N,).
         inverse: of the captures' covariance, (M, M); undetermined: (Wo, Wi).
+        made_from: SHA-256 of the samples that it was made from.
     """
 
     system: FluorescenceSystem
@@ -76,6 +85,7 @@ class _Kept:
     deviation: FloatArray
     inverse: FloatArray
     undetermined: NDArray[np.bool_]
+    made_from: str
 
     def serves(self, data: FluorescenceData, sigma: FloatArray) -> bool:
         """Whether a sample is close enough to what this was made from."""
@@ -128,11 +138,11 @@ class DonaldsonQuickEstimator:
         return [self._one(one, self._gain(one, data)) for one in data]
 
     def _gain(self, data: FluorescenceData, others: Sequence[FluorescenceData]) -> _Kept:
+        checked(data)
         sigma = _sigma(data)
         for known in self._kept:
             if known.serves(data, sigma):
                 return known
-        checked(data)
         alike = _make([data], self._settings)
         if len(others) > 1:
             like = [one for one in others if alike.serves(one, _sigma(one))]
@@ -177,6 +187,8 @@ class DonaldsonQuickEstimator:
             status = FluorescenceStatus.MASKED
         elif known.undetermined.any():
             status = FluorescenceStatus.UNDETERMINED_CELLS
+        elif assumed_variance(data).any():
+            status = FluorescenceStatus.NO_NOISE_STATED
         return FluorescenceResult(
             estimator=self.name, sample=data.sample, emission_nm=cells.emission_nm,
             excitation_nm=cells.excitation_nm, matrix=full.reshape(shape).copy(),
@@ -184,15 +196,17 @@ class DonaldsonQuickEstimator:
             quantile=quantile.reshape(LEVELS.size, *shape), undetermined=known.undetermined,
             status=status, residual=residual,
             residual_normalised=residual / sigma.reshape(residual.shape), settings=self._plain,
-            fingerprint=fingerprint(data, self.name, self._plain), messages=data.reasons,
+            fingerprint=fingerprint(data, self.name, {**self._plain, "gain": known.made_from}),
+            messages=data.reasons,
             statistics={"chi_square": chi_square, "directions": float(left.size)},
         )  # fmt: skip
 
 
 def _sigma(data: FluorescenceData) -> FloatArray:
+    """Standard deviation of the valid captures, (M,)."""
     valid = data.valid
     variance = data.variance[valid] + (data.common[:, valid] ** 2).sum(axis=0)
-    return np.asarray(np.sqrt(np.maximum(variance, 1e-300)))
+    return np.asarray(np.sqrt(variance + assumed_variance(data)))
 
 
 def _make(data: Sequence[FluorescenceData], settings: DonaldsonQuickSettings) -> _Kept:
@@ -204,14 +218,7 @@ def _make(data: Sequence[FluorescenceData], settings: DonaldsonQuickSettings) ->
     )  # fmt: skip
     cells, valid = each[0].cells, each[0].valid
     noise = np.mean([one.covariance[0] for one in each], axis=0)
-    captures = Captures(
-        system,
-        cells,
-        each[0].value,
-        noise[None],
-        valid,
-        np.array([any(o.assumed[0] for o in each)]),
-    )
+    captures = Captures(system, cells, each[0].value, noise[None], valid, each[0].assumed)
     prior = replace(settings.background, roughness=(settings.roughness,), local=0.0)
     # The leak is a share of a reflectance that is not known here: that of the prior.
     flat = np.full((1, cells.diagonal_nm.size), prior.reflectance_mean)
@@ -219,7 +226,7 @@ def _make(data: Sequence[FluorescenceData], settings: DonaldsonQuickSettings) ->
     sigma = np.sqrt(np.diagonal(noise))
     inverse = np.linalg.inv(reduced.covariance(ALONE, 0)) / sigma / sigma[:, None]
     gain = sigma[:, None] * reduced.gain(ALONE, 0)
-    variance = np.diagonal(Unknowns.of(reduced, ALONE, 0).covariance)
+    variance = np.diagonal(posterior_covariance(reduced, ALONE, 0))
     shape = (cells.emission_nm.size, cells.excitation_nm.size)
     row, column = np.nonzero(cells.below_diagonal)
     places = np.concatenate(
@@ -232,4 +239,5 @@ def _make(data: Sequence[FluorescenceData], settings: DonaldsonQuickSettings) ->
     return _Kept(
         system, valid, sigma, cells, places, np.ascontiguousarray(inverse @ gain),
         noise @ inverse, mean, upper, np.sqrt(np.maximum(variance, 0.0)), inverse, undetermined,
+        sha256("".join(fingerprint(one, "", {}) for one in data).encode()).hexdigest(),
     )  # fmt: skip

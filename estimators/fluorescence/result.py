@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.result import QUANTILE_LEVELS
+from estimators.status import ExplainedStatus
 from twin.fluorescence.donaldson import DonaldsonMatrix
 from twin.fluorescence.system import FluorescenceData
 from twin.spectra import FloatArray
@@ -23,68 +23,49 @@ LEVELS = QUANTILE_LEVELS[[2, 5, 8]]
 """Levels of the quantiles that every result stores: 0.05, 0.5, 0.95."""
 
 
-class FluorescenceStatus(enum.IntEnum):
+class FluorescenceStatus(ExplainedStatus):
     """What became of one matrix; the greater, the worse."""
 
-    OK = 0
-    NO_FLUORESCENCE_SEEN = 1
-    NO_NOISE_STATED = 2
-    UNDETERMINED_CELLS = 3
-    MASKED = 4
-    INCONSISTENT = 5
-    NOT_CONVERGED = 6
-
-    @property
-    def cause(self) -> str:
-        """Why the estimate is as it is."""
-        return _TEXTS[self][0]
-
-    @property
-    def remedy(self) -> str:
-        """What to do about it."""
-        return _TEXTS[self][1]
-
-    @property
-    def text(self) -> str:
-        """Cause and remedy in one line."""
-        return f"{self.cause} {self.remedy}"
-
-
-_TEXTS = {
-    FluorescenceStatus.OK: (
+    OK = (
+        0,
         "The captures determine the matrix.",
         "Nothing needs to be done.",
-    ),
-    FluorescenceStatus.NO_FLUORESCENCE_SEEN: (
+    )
+    NO_FLUORESCENCE_SEEN = (
+        1,
         "No cell of the fluorescence differs from zero by more than its interval.",
         "If fluorescence is expected, use stronger or shorter-wavelength illuminants and average "
         "more captures.",
-    ),
-    FluorescenceStatus.NO_NOISE_STATED: (
+    )
+    NO_NOISE_STATED = (
+        2,
         "Captures came with a stated noise of zero; a thousandth of the brightest capture was "
         "assumed instead.",
         "State the variance, or repeat the captures.",
-    ),
-    FluorescenceStatus.UNDETERMINED_CELLS: (
+    )
+    UNDETERMINED_CELLS = (
+        3,
         "Some cells are hardly seen by any pair of illuminant and channel: their value and their "
         "wide interval come from the prior.",
         "Add an illuminant or a channel in the region that is marked undetermined.",
-    ),
-    FluorescenceStatus.MASKED: (
+    )
+    MASKED = (
+        4,
         "Some captures could not be used.",
         "See the counted reasons: shorten exposures that saturated, lengthen dark ones.",
-    ),
-    FluorescenceStatus.INCONSISTENT: (
+    )
+    INCONSISTENT = (
+        5,
         "No matrix of the model explains the captures within their noise; the interval was "
         "widened.",
         "Check the order of the channels, the calibration of the illuminants against the white "
         "(is the white itself fluorescent?) and the stated noise.",
-    ),
-    FluorescenceStatus.NOT_CONVERGED: (
+    )
+    NOT_CONVERGED = (
+        6,
         "The solver or the sampler stopped before it had settled.",
         "Allow more steps.",
-    ),
-}
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -136,6 +117,11 @@ class FluorescenceResult:
     def is_diagonal(self) -> BoolArray:
         """Which cells are the reflectance, shape (Wo, Wi)."""
         return np.asarray(np.abs(self.emission_nm[:, None] - self.excitation_nm) < 1e-6)
+
+    @property
+    def is_fluorescence(self) -> BoolArray:
+        """Which cells can hold fluorescence (emission longer than excitation), (Wo, Wi)."""
+        return np.asarray(self.emission_nm[:, None] > self.excitation_nm + 1e-6)
 
     @property
     def reflectance(self) -> FloatArray:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-from scenarios.outputs import canonical_json, prepare_folder
+from scenarios.outputs import prepare_folder
 from twin.errors import InputError
-from twin.files import write_atomically
 
 FLUORESCENCE_FIGURES = ("fluorescence7", "fluorescence8", "fluorescence9", "fluorescence10")
 """Names of the figures, after the seed publication's numbers."""
@@ -51,12 +50,11 @@ def make_fluorescence_figures(
             )
     if seed < 0:
         raise InputError(f"the seed {seed}", "0 or more", place="seed")
-    from scenarios.figures.drawing import file_bytes, style
     from scenarios.figures.fluorescence_examples import draw_figure9, draw_figure10
     from scenarios.figures.fluorescence_runs import SETUPS, runs
     from scenarios.figures.fluorescence_statistics import draw_figure7, draw_figure8
     from scenarios.figures.fluorescent_materials import from_folder, generated
-    from scenarios.figures.make import rounded
+    from scenarios.figures.make import write_figures
 
     out = prepare_folder(Path(out))
     wanted = [name for name in FLUORESCENCE_FIGURES if name in names or not names]
@@ -67,22 +65,14 @@ def make_fluorescence_figures(
     )
     setups = SETUPS if NEEDS_ALL & set(wanted) else SETUPS[:1]
     found = runs(used, seed + 1, quick=quick, setups=setups, progress=progress)
-    draw: dict[str, Callable[..., tuple[Any, dict[str, Any]]]] = dict(
-        zip(
-            FLUORESCENCE_FIGURES, (draw_figure7, draw_figure8, draw_figure9, draw_figure10),
-            strict=True,
-        )
-    )  # fmt: skip
-    files: dict[str, bytes] = {}
-    checks: dict[str, Any] = {
+    draw = (draw_figure7, draw_figure8, draw_figure9, draw_figure10)
+    drawings = {
+        name: partial(each, found)
+        for name, each in zip(FLUORESCENCE_FIGURES, draw, strict=True)
+        if name in wanted
+    }
+    said = {
         "quick": quick, "seed": seed, "materials": used.source,
         "weights_of_blasinski": {run.setup: run.weights for run in found},
     }  # fmt: skip
-    for name in wanted:
-        with style():
-            figure, checks[name] = draw[name](found)
-            files |= {f"{name}.{kind}": data for kind, data in file_bytes(figure).items()}
-    files[CHECKS] = (canonical_json(rounded(checks)) + "\n").encode()
-    for name, data in files.items():
-        write_atomically(out / name, data)
-    return [out / name for name in files]
+    return write_figures(out, drawings, CHECKS, said)

@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 
 from scenarios.figures.fluorescent_materials import Materials, generated
-from twin.fluorescence import DonaldsonMatrix, corrected, named_setup, simulate_fluorescence
+from twin.fluorescence import (
+    DonaldsonMatrix,
+    FluorescenceData,
+    corrected,
+    named_setup,
+    simulate_fluorescence,
+)
 from twin.spectra import FloatArray
 
 METHODS = ("gmm-adam", "blasinski", "donaldson")
@@ -62,21 +68,28 @@ def runs(
     total, done = len(setups) * 2, 0
     found = []
     for setup in setups:
-        data: list[list[Any]] = []
+        data: list[list[FluorescenceData]] = []
         for kind, matrices in enumerate((materials.one, materials.two)):
-            data.append(_captures(setup, matrices, seed + 1000 * kind))
+            data.append(captures(setup, matrices, seed + 1000 * kind))
         tuned = _tuned(setup, WEIGHTS[:: 3 if quick else 1])
-        for kind, (captures, matrices) in enumerate(
+        for kind, (seen, matrices) in enumerate(
             zip(data, (materials.one, materials.two), strict=True), start=1
         ):
-            found.append(_run(setup, kind, captures, matrices, tuned))
+            found.append(_run(setup, kind, seen, matrices, tuned))
             done += 1
             if progress is not None:
                 progress(done, total)
     return found
 
 
-def _captures(setup: str, matrices: Sequence[DonaldsonMatrix], seed: int) -> list[Any]:
+def captures(setup: str, matrices: Sequence[DonaldsonMatrix], seed: int) -> list[FluorescenceData]:
+    """Corrected captures of one simulated visit per material.
+
+    Args:
+        setup: name of a set-up.
+        matrices: B materials.
+        seed: of the first visit; each further one has the next.
+    """
     bench = named_setup(setup)
     return [
         corrected(simulate_fluorescence(bench, matrix, seed=seed + number))
@@ -96,7 +109,7 @@ def _tuned(setup: str, weights: FloatArray) -> Any:
     known = generated(TUNED_ON, TUNING_SEED)
     matrices = [*known.one[: TUNED_ON // 2], *known.two[: TUNED_ON // 2]]
     truth = np.array([each.matrix for each in matrices])
-    data = _captures(setup, matrices, TUNING_SEED)
+    data = captures(setup, matrices, TUNING_SEED)
 
     def error(trial: Any) -> float:
         results = BlasinskiEstimator(trial).estimate_batch(data)
@@ -116,7 +129,11 @@ def _tuned(setup: str, weights: FloatArray) -> Any:
 
 
 def _run(
-    setup: str, kind: int, data: list[Any], matrices: Sequence[DonaldsonMatrix], tuned: Any
+    setup: str,
+    kind: int,
+    data: list[FluorescenceData],
+    matrices: Sequence[DonaldsonMatrix],
+    tuned: Any,
 ) -> Run:
     from estimators.fluorescence import fluorescence_estimator
     from estimators.fluorescence.blasinski import BlasinskiEstimator

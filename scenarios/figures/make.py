@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
@@ -60,7 +61,6 @@ def make_figures(
             raise InputError(f'the figure "{name}"', f"one of {', '.join(FIGURES)}", place="names")
     if seed < 0:
         raise InputError(f"the seed {seed}", "0 or more", place="seed")
-    from scenarios.figures.drawing import file_bytes, style
     from scenarios.figures.points import simulate
 
     out = prepare_folder(Path(out))
@@ -68,24 +68,50 @@ def make_figures(
     modules = {name: cast(_Module, import_module(f"scenarios.figures.{name}")) for name in wanted}
     points = [point for module in modules.values() for point in module.points(quick)]
     results = simulate(points, seed, threads, progress)
+    drawings = {name: partial(each.draw, results, quick) for name, each in modules.items()}
+    return write_figures(out, drawings, CHECKS, {"quick": quick, "seed": seed})
+
+
+def write_figures(
+    out: Path,
+    drawings: Mapping[str, Callable[[], tuple[Figure, dict[str, Any]]]],
+    checks_file: str,
+    said: Mapping[str, Any],
+) -> list[Path]:
+    """Draw figures and write them with the numbers of what they show; nothing if one fails.
+
+    Args:
+        out: folder for NAME.svg, NAME.png and the numbers.
+        drawings: what makes each figure and its numbers, by name.
+        checks_file: name of the file of the numbers.
+        said: what stands in it beside those of the figures.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    from scenarios.figures.drawing import file_bytes, style
+
     files: dict[str, bytes] = {}
-    checks: dict[str, Any] = {"quick": quick, "seed": seed}
-    for name, module in modules.items():
+    checks = dict(said)
+    for name, draw in drawings.items():
         with style():
-            figure, checks[name] = module.draw(results, quick)
+            figure, checks[name] = draw()
             files |= {f"{name}.{kind}": data for kind, data in file_bytes(figure).items()}
-    files[CHECKS] = (canonical_json(rounded(checks)) + "\n").encode()
+    files[checks_file] = (canonical_json(_rounded(checks)) + "\n").encode()
     for name, data in files.items():
         write_atomically(out / name, data)
     return [out / name for name in files]
 
 
-def rounded(value: Any) -> Any:
+def _rounded(value: Any) -> Any:
     """Floats with five significant digits: more are noise, and fewer change between machines."""
     if isinstance(value, dict):
-        return {key: rounded(item) for key, item in value.items()}
+        return {key: _rounded(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [rounded(item) for item in value]
+        return [_rounded(item) for item in value]
     if isinstance(value, float):
         return float(f"{value:.5g}")
     return value

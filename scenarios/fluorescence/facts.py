@@ -14,7 +14,12 @@ from twin.spectra import FloatArray
 if TYPE_CHECKING:
     from estimators.fluorescence import FluorescenceResult
     from scenarios.fluorescence.scenario import FluorescenceScenario
-    from twin.fluorescence import DonaldsonMatrix, FluorescenceData, FluorescenceVisit
+    from twin.fluorescence import (
+        DonaldsonMatrix,
+        FluorescenceData,
+        FluorescenceSetup,
+        FluorescenceVisit,
+    )
 
 ESTIMATOR_NOTES = {
     "donaldson": "fluorophores as smooth products over a smooth background, weighed by evidence;"
@@ -52,7 +57,7 @@ def visit_facts(visit: FluorescenceVisit) -> dict[str, Any]:
     }
 
 
-def setup_facts(setup: Any) -> dict[str, Any]:
+def setup_facts(setup: FluorescenceSetup) -> dict[str, Any]:
     """A set-up as plain values: its parts and its price."""
     return {
         "name": setup.name,
@@ -123,7 +128,7 @@ def errors_of(result: FluorescenceResult, truth: DonaldsonMatrix) -> dict[str, f
 
     right = truth.on(result.emission_nm, result.excitation_nm).matrix
     on = result.is_diagonal
-    below = result.emission_nm[:, None] > result.excitation_nm[None, :] + 1e-6
+    below = result.is_fluorescence
     difference = result.matrix - right
     colours = monochromatic_difference(result.matrix, right, result.emission_nm)
     low, high = result.quantile[0], result.quantile[-1]
@@ -154,6 +159,12 @@ def regions(
         excitation_nm: wavelengths [nm] of the columns, (Wi,).
     """
     lines: list[tuple[list[float], list[FloatArray]]] = []
+    rise = float(emission_nm[1] - emission_nm[0])
+
+    def whole(rows: FloatArray) -> bool:
+        """Whether wavelengths follow each other without a hole."""
+        return bool(np.all(np.diff(rows) < 1.5 * rise))
+
     for column, excitation in enumerate(excitation_nm):
         rows = emission_nm[flagged[:, column]]
         if not rows.size:
@@ -163,7 +174,7 @@ def regions(
             step = excitation_nm[1] - excitation_nm[0]
             near = abs(columns[-1] + step - excitation) < 1e-6
             # Columns are shorter by one cell each along the diagonal: only the ends must agree.
-            if near and abs(spans[-1][-1] - rows[-1]) < 1e-6 and _whole(rows) == _whole(spans[-1]):
+            if near and abs(spans[-1][-1] - rows[-1]) < 1e-6 and whole(rows) == whole(spans[-1]):
                 columns.append(float(excitation))
                 spans.append(rows)
                 continue
@@ -176,11 +187,6 @@ def regions(
         number = f"{count} cell{'s' if count > 1 else ''}"
         found.append(f"excitation {_span(columns)}, emission {_span([first, last])} ({number})")
     return found
-
-
-def _whole(rows: FloatArray) -> bool:
-    """Whether wavelengths follow each other without a hole."""
-    return bool(rows.size < 2 or np.ptp(np.diff(rows)) < 1e-6)
 
 
 def _span(values: Sequence[float]) -> str:

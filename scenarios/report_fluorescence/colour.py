@@ -13,6 +13,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from estimators.fluorescence.colour import ciede2000, lab_of
+from scenarios.report.colour import Swatch
+from scenarios.report.colour import ciede2000 as swatch_difference
 from twin.spectra import FloatArray
 
 STANDARD = ("D65", "A", "FL4")
@@ -39,15 +42,6 @@ class Light:
 
 
 @dataclass(frozen=True)
-class Patch:
-    """One colour: CIE XYZ (Y = 1 for the diffuser), L*a*b*, and what a screen shows."""
-
-    lab: FloatArray
-    hexadecimal: str
-    in_gamut: bool
-
-
-@dataclass(frozen=True)
 class Appearance:
     """What the sample looks like under one light.
 
@@ -56,7 +50,8 @@ class Appearance:
         spectrum: reflected energy per emission bin of the estimate, (Wo,).
         band: its 0.05 and 0.95 quantiles, (2, Wo), or None.
         truth_spectrum: of the true matrix, (Wo,), or None.
-        patch: colour of the estimate; truth_patch: of the truth, or None.
+        patch: colour of the estimate; truth_patch: of the truth, or None. What a screen shows of
+            them is brightened by the exposure.
         difference: CIEDE2000 between estimate and truth, or None.
         uncertainty: 0.9 quantile of CIEDE2000 between draws and estimate, or None.
         exposure: factor that the swatch was brightened by.
@@ -66,8 +61,8 @@ class Appearance:
     spectrum: FloatArray
     band: FloatArray | None
     truth_spectrum: FloatArray | None
-    patch: Patch
-    truth_patch: Patch | None
+    patch: Swatch
+    truth_patch: Swatch | None
     difference: float | None
     uncertainty: float | None
     exposure: float
@@ -95,8 +90,9 @@ def _binned(
     grid: FloatArray, value: FloatArray, centre_nm: FloatArray, step_nm: float
 ) -> FloatArray:
     """Means over bins of a sampled spectrum, linear in between and 0 outside its table."""
-    inside = np.arange(-step_nm / 2.0 + 0.5, step_nm / 2.0, 1.0)
-    fine = centre_nm[:, None] + inside
+    parts = max(1, round(step_nm))
+    inside = (np.arange(parts) + 0.5) / parts - 0.5
+    fine = centre_nm[:, None] + step_nm * inside
     return np.asarray(np.interp(fine, grid, value, left=0.0, right=0.0).mean(axis=1))
 
 
@@ -152,36 +148,22 @@ def appearance(
     truth_patch = None if right_xyz is None else _patch(right_xyz, white_xyz, exposure)
     spread = None
     if others is not None:
-        labs = _lab(others @ cmf / scale, white_xyz)
-        spread = float(np.quantile(_difference(labs, patch.lab), 0.9))
+        labs = lab_of(others @ cmf / scale / white_xyz)
+        spread = float(np.quantile(ciede2000(labs, np.array(patch.lab)), 0.9))
     return Appearance(
         light, spectrum, None if others is None else np.quantile(others, [0.05, 0.95], axis=0),
         right, patch, truth_patch,
-        None if truth_patch is None else float(_difference(patch.lab, truth_patch.lab)),
+        swatch_difference(patch, truth_patch),
         spread, exposure,
     )  # fmt: skip
 
 
-def _lab(xyz: FloatArray, white: FloatArray) -> FloatArray:
-    ratio = xyz / white
-    cut = (6.0 / 29.0) ** 3
-    f = np.where(ratio > cut, np.cbrt(np.maximum(ratio, cut)), ratio / (3 * (6 / 29) ** 2) + 4 / 29)
-    x, y, z = f[..., 0], f[..., 1], f[..., 2]
-    return np.stack([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)], axis=-1)
-
-
-def _difference(one: FloatArray, other: FloatArray) -> FloatArray:
-    import colour
-
-    first, second = np.broadcast_arrays(one, other)
-    return np.asarray(colour.delta_E(first, second, method="CIE 2000"), dtype=np.float64)
-
-
-def _patch(xyz: FloatArray, white: FloatArray, exposure: float) -> Patch:
+def _patch(xyz: FloatArray, white: FloatArray, exposure: float) -> Swatch:
     import colour
 
     white_xy = white[:2] / white.sum()
-    srgb = np.asarray(colour.XYZ_to_sRGB(xyz * exposure, illuminant=white_xy), dtype=np.float64)
-    level = [round(255 * min(1.0, max(0.0, float(channel)))) for channel in srgb]
-    inside = bool(np.all((srgb >= -1 / 510) & (srgb <= 1 + 1 / 510)))
-    return Patch(_lab(xyz, white), "#{:02x}{:02x}{:02x}".format(*level), inside)
+    srgb = colour.XYZ_to_sRGB(xyz * exposure, illuminant=white_xy)
+    x, y, z = (float(value) for value in xyz)
+    lightness, a, b = (float(value) for value in lab_of(xyz / white))
+    red, green, blue = (float(value) for value in srgb)
+    return Swatch((x, y, z), (lightness, a, b), (red, green, blue))

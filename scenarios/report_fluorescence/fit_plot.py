@@ -30,7 +30,8 @@ def draw_fit(data: FluorescenceData, result: FluorescenceResult) -> str:
         low = float(np.abs(data.value[good]).max()) * 1e-4
         shown = good & (data.value > low) & (predicted > low)
         left.plot(data.value[shown], predicted[shown], ls="none", marker="o", ms=3, color=BLUE)
-        ends = np.array([low, float(data.value[good].max()) * 1.3])
+        both = np.concatenate([data.value[shown], predicted[shown], [data.value[good].max()]])
+        ends = np.array([0.7 * both.min(), 1.3 * both.max()])
         left.plot(ends, ends, color=GREY, lw=0.8, ls=(0, (1, 2)))
         left.set_xscale("log")
         left.set_yscale("log")

@@ -37,19 +37,19 @@ def draw_matrices(result: FluorescenceResult, truth: FloatArray | None) -> str:
         result: the estimate.
         truth: the true matrix on the estimate's wavelengths, (Wo, Wi), or None.
     """
-    emission, excitation = result.emission_nm, result.excitation_nm
-    below = emission[:, None] > excitation[None, :] + 1e-6
+    emission, excitation, below = result.emission_nm, result.excitation_nm, result.is_fluorescence
     width = result.quantile[-1] - result.quantile[0]
     known = bool(np.isfinite(width).all())
     top = max(float(result.matrix[below].max()), 1e-6)
     if truth is not None:
         top = max(top, float(truth[below].max()))
+    unit = f"Φ [energy per {float(emission[1] - emission[0]):g} nm bin, –]"
     panels: list[tuple[str, FloatArray, str, float, float, str]] = [
-        ("Estimate", result.matrix, CMAP, 0.0, top, "Φ [energy per 10 nm bin, –]")
+        ("Estimate", result.matrix, CMAP, 0.0, top, unit)
     ]
     if truth is not None:
         gap = result.matrix - truth
-        panels.append(("Truth", truth, CMAP, 0.0, top, "Φ [energy per 10 nm bin, –]"))
+        panels.append(("Truth", truth, CMAP, 0.0, top, unit))
         reach = _reach(float(np.abs(gap[below]).max()), top)
         panels.append(
             ("Estimate minus truth", gap, DIFFERENCE_CMAP, -reach, reach, _label("ΔΦ", reach, top))
@@ -59,7 +59,6 @@ def draw_matrices(result: FluorescenceResult, truth: FloatArray | None) -> str:
         panels.append(
             ("Width of the 90 % interval", width, CMAP, 0.0, reach, _label("width", reach, top))
         )
-    step = f"{float(emission[1] - emission[0]):g}"
     columns = 2 if len(panels) > 1 else 1
     rows = -(-len(panels) // columns)
     with figure_style():
@@ -69,7 +68,6 @@ def draw_matrices(result: FluorescenceResult, truth: FloatArray | None) -> str:
             spare.set_visible(False)
         for panel, (title, value, cmap, low, high, label) in zip(axes.flat, panels, strict=False):
             mesh = picture(panel, value, emission, excitation, cmap, low, high)
-            label = label.replace("10 nm", f"{step} nm")
             scale_bar(figure, mesh, panel, label, shrink=0.86, pad=0.02)
             lines = "#ffffff" if cmap == CMAP else GREY
             hatch(panel, result.undetermined & below, emission, excitation, lines)

@@ -16,7 +16,7 @@ from twin.spectra import FloatArray
 if TYPE_CHECKING:
     from estimators.fluorescence import FluorescenceResult
     from scenarios.report_fluorescence.colour import Appearance
-    from twin.fluorescence import FluorescenceData, FluorescenceVisit, MixtureModel
+    from twin.fluorescence import FluorescenceData, FluorescenceVisit, Illuminant, MixtureModel
 
 _GOOD, _MIXED = ("OK",), ("NO_FLUORESCENCE_SEEN", "NO_NOISE_STATED", "UNDETERMINED_CELLS", "MASKED")
 
@@ -134,6 +134,7 @@ def fluorescence_page(
         price=f"{visit.setup.price_usd:,.0f}".replace(",", " "),
         setup_name=visit.setup.name,
         gaussians=_gaussians(mixture),
+        gaussians_stored=len(mixture.gaussians) if mixture is not None else 0,
         moments=", ".join(f"{c:.4g}" for c in mixture.moments) if mixture is not None else "",
         settings=[[key, str(value)] for key, value in sorted(result.settings.items())],
         statistics=[[k.replace("_", " "), f"{v:.4g}"] for k, v in result.statistics.items()],
@@ -259,8 +260,8 @@ def _parts(visit: FluorescenceVisit) -> list[list[str]]:
     setup = visit.setup
     rows = [["Price of lights and detector", f"{setup.price_usd:g} USD"]]
     for number, light in enumerate(setup.lights, start=1):
-        peak = _peak(light)
-        rows.append([f"Illuminant {number}", f"{light.name.replace('_', ' ')} ({peak})"])
+        name = light.name.replace("_", " ")
+        rows.append([f"Illuminant {number}", f"{name} ({_kind(light)})"])
     detector = setup.detector
     wavelength: FloatArray = np.asarray(detector.wavelength_nm)
     rows.append(
@@ -274,21 +275,28 @@ def _parts(visit: FluorescenceVisit) -> list[list[str]]:
     known = f"reflectance {white:g}" if isinstance(white, (int, float)) else "a certified spectrum"
     rows.append(["White standard", known])
     times = sorted({shot.integration_s for shot in visit.shots})
-    rows.append(["Shots", f"{len(visit.shots)}, {times[0]:.3g} to {times[-1]:.3g} s each"])
+    lasted = f"{times[0]:.3g} s" if len(times) == 1 else f"{times[0]:.3g} to {times[-1]:.3g} s"
+    rows.append(["Shots", f"{len(visit.shots)}, {lasted} each"])
     return rows
 
 
-def _peak(light: Any) -> str:
-    if hasattr(light, "peak_nm"):
-        return f"LED, peak {light.peak_nm:g} nm, {light.fwhm_nm:g} nm wide"
-    if hasattr(light, "centre_nm"):
-        return f"monochromator, {light.centre_nm:g} nm"
-    return {"Filtered": "filter on a white panel", "Lamp": "white lamp"}.get(
-        type(light).__name__, "sampled spectrum"
-    )
+def _kind(light: Illuminant) -> str:
+    """What a light is, in words."""
+    match light.kind:
+        case "led":
+            return f"LED, peak {light.peak_nm:g} nm, {light.fwhm_nm:g} nm wide"
+        case "monochromatic":
+            return f"monochromator, {light.centre_nm:g} nm"
+        case "filtered":
+            return "filter on a white panel"
+        case "lamp":
+            return "white lamp"
+        case "table":
+            return "sampled spectrum"
 
 
 def _gaussians(mixture: MixtureModel | None) -> list[list[str]]:
+    """Rows of the Gaussians that have a weight, the greatest first."""
     if mixture is None:
         return []
     return [
@@ -297,4 +305,5 @@ def _gaussians(mixture: MixtureModel | None) -> list[list[str]]:
             f"{g.excitation_variance_nm2**0.5:.1f}", f"{g.emission_variance_nm2**0.5:.1f}",
         ]
         for g in sorted(mixture.gaussians, key=lambda g: -g.weight)
+        if g.weight > 0.0
     ]  # fmt: skip

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from twin.fluorescence import FluorescenceData, FluorescenceSetup
 
-BROAD_NM = 45.0
-"""Light that spreads more than this (standard deviation [nm]) is drawn grey."""
+BROAD_NM = 100.0
+"""Light that is above a quarter of its maximum over more than this [nm] is drawn grey."""
 MOST_NAMED = 12
 """With more curves than this names would cover the picture."""
 
@@ -83,15 +83,15 @@ def _curves(
     import matplotlib
 
     spectrum = matplotlib.colormaps["turbo"]
-    span = float(np.ptp(wavelength_nm))
+    span, step = float(np.ptp(wavelength_nm)), float(wavelength_nm[1] - wavelength_nm[0])
     used: list[tuple[float, float]] = []
     top = float(rows.max())
     many = len(rows) > MOST_NAMED
     for row, name in zip(rows / top, names, strict=True):
-        positive = np.maximum(row, 0.0)
-        centre = float((positive * wavelength_nm).sum() / positive.sum())
-        spread = float(np.sqrt((positive * (wavelength_nm - centre) ** 2).sum() / positive.sum()))
-        broad = spread > BROAD_NM
+        # A floor of stray light is not where a channel sees.
+        upper = row > 0.25 * row.max()
+        centre = float(np.average(wavelength_nm[upper], weights=row[upper]))
+        broad = step * int(upper.sum()) > BROAD_NM
         # Where narrow light lies decides its colour: what is blue is drawn blue.
         colour = spectrum(0.05 + 0.9 * (centre - float(wavelength_nm[0])) / span)
         axes.plot(

@@ -31,7 +31,7 @@ def draw_diagonal(result: FluorescenceResult, truth: FloatArray | None) -> str:
     """Reflectance and total fluorescence per excitation with 90 % bands, as inline SVG."""
     on = result.is_diagonal
     where = result.emission_nm[np.nonzero(on)[0]]
-    below = result.emission_nm[:, None] > result.excitation_nm[None, :] + 1e-6
+    below = result.is_fluorescence
     with figure_style():
         figure = new_figure(11.0, 3.9)
         left, right = figure.subplots(1, 2)

@@ -163,6 +163,9 @@ def test_the_report_is_one_offline_page_that_shows_what_it_should(ran: Path):
     ):  # fmt: skip
         assert words in text, words
     assert FluorescenceStatus.OK.cause in text
+    weights = [g.weight for g in read_mixture(ran / "mixture.json").gaussians]
+    assert f"{weights.count(0.0)} of the {len(weights)} Gaussians" in text
+    assert text.count('<td class="number">') == 5 * sum(weight > 0.0 for weight in weights)
     assert len(text) < 2_000_000
 
 
@@ -308,6 +311,13 @@ def test_regions_name_every_flagged_cell():
     assert regions(flagged, GRID_NM, GRID_NM) == [
         "excitation 400 to 420 nm, emission 450 to 700 nm (78 cells)",
         "excitation 500 nm, emission 600 nm (1 cell)",
+    ]
+    pierced = np.zeros((31, 31), dtype=bool)
+    pierced[[8, 20], 3] = True
+    pierced[8:21, 4] = True
+    assert regions(pierced, GRID_NM, GRID_NM) == [
+        "excitation 430 nm, emission 480 to 600 nm (2 cells)",
+        "excitation 440 nm, emission 480 to 600 nm (13 cells)",
     ]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -100,3 +102,26 @@ def test_quick_is_the_linear_estimate_about() -> None:
     assert chip.status in (FluorescenceStatus.OK, FluorescenceStatus.INCONSISTENT)
     with pytest.raises(InputError, match="rounds"):
         fluorescence_estimator("donaldson-quick", rounds=0)
+
+
+def test_quick_with_a_kept_gain_says_so_and_checks_as_without_one() -> None:
+    """What an estimator remembers is part of what went in; and it refuses the same captures."""
+    bench = system()
+    one, other = (data(material(seed), bench, seed) for seed in (1, 2))
+    fresh, used = DonaldsonQuickEstimator(), DonaldsonQuickEstimator()
+    alone, _ = fresh.estimate(other), used.estimate(one)
+    after = used.estimate(other)
+    assert not np.array_equal(after.matrix, alone.matrix)
+    assert after.fingerprint != alone.fingerprint
+    assert after.fingerprint == used.estimate(other).fingerprint
+    with pytest.raises(InputError, match="all zero"):
+        used.estimate(replace(other, value=np.zeros_like(other.value)))
+    silent = replace(other, variance=np.zeros_like(other.variance), common=other.common[:0])
+    assert fresh.estimate(silent).status is FluorescenceStatus.NO_NOISE_STATED
+
+
+def test_without_draws_nothing_is_said_about_intervals() -> None:
+    given = data(material(3), system(), 3)
+    result = DonaldsonEstimator(DonaldsonSettings(products=0, draws=0)).estimate(given)
+    assert result.fluorescence.max() > 0.01
+    assert result.status is not FluorescenceStatus.NO_FLUORESCENCE_SEEN

@@ -80,6 +80,7 @@ def _load(path: Path) -> dict[str, Any]:
         return dict(loadmat(str(path)))
     except FileNotFoundError as error:
         raise InputError("no such file", "a file of fiToolbox", file=path) from error
+    # scipy's loadmat raises NotImplementedError for a file of MATLAB 7.3, which is HDF5.
     except (ValueError, TypeError, OSError, NotImplementedError) as error:
         raise InputError(
             f"a file that cannot be read ({error})", "a file of fiToolbox", file=path

@@ -47,6 +47,14 @@ ARM = """count => {
   window.moves = {start: null, left: count};
   window.painted = new Promise(done => { window.moves.done = done; });
 }"""
+DRAWN = """() => document.querySelector('#tile-albedo') !== null
+  && [...document.querySelectorAll('.dash-graph')].filter(place => place.offsetParent !== null)
+    .every(place => {
+      const graph = place.querySelector('.js-plotly-plot');
+      return graph !== null && graph.querySelector('.main-svg') !== null
+        && Math.abs(graph._fullLayout.width - place.clientWidth) <= 1
+        && Math.abs(graph._fullLayout.height - place.clientHeight) <= 1;
+    })"""
 TRIES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 COMMAND = "from scenarios.cli import main; main()"
 
@@ -107,6 +115,11 @@ def served(*arguments: str) -> Iterator[str]:
         process.communicate(timeout=30)
 
 
+def wait_until_drawn(page: Any) -> None:
+    """Wait for the page's numbers, and until every figure that shows has the size of its place."""
+    page.wait_for_function(DRAWN)
+
+
 def moved(page: Any, name: str, key: str) -> float:
     """Press a key on a slider; milliseconds until the picture is painted."""
     page.focus(f"#{name} [role=slider]")
@@ -128,8 +141,7 @@ def run(quick: bool) -> dict[str, Any]:
     with served() as address, browser() as opened:
         page = opened.new_page(viewport={"width": 1280, "height": 800})
         page.goto(address)
-        page.wait_for_selector("#spectra .main-svg")
-        page.wait_for_timeout(1000)
+        wait_until_drawn(page)
         page.evaluate(WATCH, list(FIGURES))
         for turn in range(1 if quick else 6):
             for name in SLIDERS:
@@ -183,9 +195,8 @@ def screenshot(
     with served(*arguments) as address, browser() as opened:
         page = opened.new_page(viewport={"width": size[0], "height": size[1]})
         page.goto(address)
-        page.wait_for_selector("#spectra .main-svg")
-        page.wait_for_selector("#tile-albedo")
+        wait_until_drawn(page)
         if tab:
             page.click(f"#tabs label:has-text('{tab}')")
-        page.wait_for_timeout(1000)
+            wait_until_drawn(page)
         page.screenshot(path=file)

@@ -40,7 +40,7 @@ PICTURES = {
         ("benchtwin run default --out report",), "report/report.html", (1100, 1500)
     ),
     "tutorial_first.png": Picture(
-        ("benchtwin run first.toml --out first",), "first/report.html", (1100, 1250),
+        ("benchtwin run first.toml --out first",), "first/report.html", (1100, 1490),
         ("tutorial_first_measurement.md: first.toml",),
     ),
     "tutorial_budget.png": Picture(
@@ -58,7 +58,7 @@ PICTURES = {
             "benchtwin diagnose visit/measurement.nc --bench bench.toml --quick --rounds 3"
             " --out gap",
         ),
-        "gap/diagnosis.html", (1000, 1150),
+        "gap/diagnosis.html", (1000, 1290),
         ("tutorial_diagnose.md: visit.toml", "tutorial_diagnose.md: bench.toml"),
     ),
     "tutorial_design.png": Picture(

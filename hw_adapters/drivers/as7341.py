@@ -267,6 +267,7 @@ def open_as7341(
 def _board_bus() -> Any:
     try:
         return load("board", MODEL).I2C()
+    # Blinka raises NotImplementedError from `import board` on a computer that it does not know.
     except (NotImplementedError, RuntimeError, AttributeError, OSError) as failure:
         raise DeviceMissing(
             MODEL, f"no I2C bus on this computer ({failure})", "one that Blinka knows",

@@ -94,13 +94,7 @@ def plane_of(
         rho_black: reflectance of the black background.
         rho_white: reflectance of the white background.
     """
-    grid = np.stack(
-        [
-            height * (parts.direct + rho * parts.once / (1.0 - rho * parts.returned))
-            for rho in (rho_black, rho_white)
-        ],
-        axis=-1,
-    )
+    grid = height * np.asarray(parts.captures(rho_black, rho_white))[..., :2]
     rows = np.searchsorted(ALBEDO, CONTOURS)
     sigma = np.array([s for s in SIGMAS if TAU[0] <= s * thickness_mm <= TAU[-1]])
     return Plane(np.array(CONTOURS), sigma, grid[rows], between(grid, np.log(sigma * thickness_mm)))

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from scenarios.explore.figures import AXIS_TITLE, FONT, Figure
 from scenarios.report.figure import BLUE, INK, PALE, VERMILION
+from scenarios.report_diagnosis.words import percent
 from twin.errors import InputError
 from twin.toml import read_text
 
@@ -165,18 +166,11 @@ def effects_figure(found: Diagnosis) -> Figure:
     }  # fmt: skip
 
 
-def percent(probability: float) -> str:
-    """A probability in words; none is certain, none impossible."""
-    if probability > 0.995:
-        return "> 99 %"
-    return "< 1 %" if probability < 0.005 else f"{100 * probability:.0f} %"
-
-
 def closure_sentence(closure: dict[str, Any]) -> str:
     """How far the gap shrinks, in words."""
     low, high = closure["interval"]
     return (
         f"{100 * closure['value']:.0f} % of the gap closes (90 % interval {100 * low:.0f} to"
-        f" {100 * min(high, 1.0):.0f} %): chi-square above noise from {closure['before']:.1f} to"
+        f" {100 * high:.0f} %): chi-square above noise from {closure['before']:.1f} to"
         f" {closure['after']:.1f}."
     )

@@ -170,7 +170,7 @@ def spectra_axes(source: Source, picture: Picture) -> Figure:
     most = max(DECADES[1], float(np.ceil(errors.max())))
     layout["yaxis2"] = layout["yaxis"] | {
         "type": "log", "range": [least - 0.1, most + 0.1], "dtick": 1, "domain": [0.0, 0.46],
-        "exponentformat": "power", "title": {**AXIS_TITLE, "text": "Standard error"},
+        "exponentformat": "power", "title": {**AXIS_TITLE, "text": "Standard error [–]"},
     }  # fmt: skip
     return {"data": [*NOTHING, {**NOTHING[0], "yaxis": "y2"}], "layout": layout}
 

@@ -95,13 +95,18 @@ class Explorer:
         return self.at(next(iter(self.source.spectra)), self.source.middle, 0)
 
     def at(self, material: str, wavelength: int, sample: int) -> Settings:
-        """Settings of a material as it is on the bench as it is described."""
-        source = self.source
-        if material not in source.spectra:
-            raise InputError(
-                f'the material "{material}"', ", ".join(source.spectra), place="material"
-            )
-        own, instrument = source.spectra[material], source.bench.instrument
+        """Settings of a material as it is on the bench as it is described.
+
+        Args:
+            material: name of one of the source's spectra.
+            wavelength: index of the wavelength.
+            sample: index of the sample.
+
+        Raises:
+            InputError: a material that this source does not have.
+        """
+        source, own = self.source, self._spectrum(material)
+        instrument = source.bench.instrument
         return Settings(
             material=material,
             wavelength=wavelength,
@@ -140,7 +145,7 @@ class Explorer:
     def _picture(self, settings: Settings) -> Picture:
         source, index = self.source, settings.wavelength
         self._check(settings)
-        base = source.spectra[settings.material]
+        base = self._spectrum(settings.material)
         spectrum = Spectrum(
             move_share(base.albedo, index, settings.albedo),
             move_scale(base.sigma_t_per_mm, index, settings.sigma_t_per_mm),
@@ -184,10 +189,12 @@ class Explorer:
         ):
             if not 0 <= value < count:
                 raise InputError(f"number {value}", f"0 to {count - 1}", place=name)
-        if settings.material not in source.spectra:
-            raise InputError(
-                f'the material "{settings.material}"', ", ".join(source.spectra), place="material"
-            )
+
+    def _spectrum(self, material: str) -> Spectrum:
+        spectra = self.source.spectra
+        if material not in spectra:
+            raise InputError(f'the material "{material}"', ", ".join(spectra), place="material")
+        return spectra[material]
 
     def _forward(self, n: FloatArray, thickness: FloatArray, acceptance_deg: float) -> Forward:
         """The engine of the samples and, as one more, of an opaque one.

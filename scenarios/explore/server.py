@@ -81,9 +81,8 @@ def serve(app: Dash, port: int) -> BaseWSGIServer:
 
     @app.server.before_request  # type: ignore[untyped-decorator]
     def guard() -> Any:
-        if request.host not in hosts or request.headers.get("Origin", next(iter(origins))) not in (
-            origins
-        ):
+        origin = request.headers.get("Origin")
+        if request.host not in hosts or (origin is not None and origin not in origins):
             return Response(
                 f"benchtwin explore answers to {HOST}:{port} alone.\n", 403, mimetype="text/plain"
             )

@@ -130,17 +130,18 @@ def _figures(design: Design, own: SetUp) -> tuple[list[str], list[list[Part]]]:
         head.append("Limited by")
     rows: list[list[Part]] = []
     for name, target in design.targets.items():
-        values = [own.figures[name]] + ([own.effects[name]] if name in own.effects else [])
-        row: list[Part] = [WORDS.get(name, name), f"{target:g}"]
-        row += [
-            html.Span(f"{value:.3g}", className="met" if value <= target else "missed")
-            for value in values
-        ]
+        row: list[Part] = [WORDS.get(name, name), f"{target:g}", _judged(own.figures[name], target)]
+        if own.effects:
+            row.append(_judged(own.effects[name], target) if name in own.effects else "–")
         if own.limits:
             shares = list(own.limits.get(name, {}).items())[:INPUTS]
             row.append(", ".join(f"{key} {100 * share:.0f}\u00a0%" for key, share in shares))
         rows.append(row)
     return head, rows
+
+
+def _judged(value: float, target: float) -> Part:
+    return html.Span(f"{value:.3g}", className="met" if value <= target else "missed")
 
 
 def _notes(design: Design, own: SetUp) -> list[Part]:

@@ -69,8 +69,10 @@ def front_figure(design: Design, own: SetUp, name: str) -> Figure:
         {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": target, "y1": target,
          "line": {"color": INK, "width": 1.3, "dash": "dash"}}
     ]  # fmt: skip
+    # plotly places annotations, unlike shapes, by the logarithm of a logarithmic axis
+    height = math.log10(target) if layout["yaxis"].get("type") == "log" else target
     layout["annotations"] = [
-        {"xref": "paper", "x": 1, "y": math.log10(target), "text": "target met below",
+        {"xref": "paper", "x": 1, "y": height, "text": "target met below",
          "showarrow": False, "xanchor": "right", "yanchor": "top", "font": {"size": 11}}
     ]  # fmt: skip
     return {"data": traces, "layout": layout}

@@ -179,17 +179,38 @@ def _source(
 
     count = len(wavelength)
     n = refractive_index(samples[0].n, wavelength)
+    black = reflectance(bench.background.black.reflectance, wavelength)
+    white = reflectance(bench.background.white.reflectance, wavelength)
     if np.any(n < LEAST_N):
         notes = (*notes, f"a refractive index of 1 is drawn as {LEAST_N:g}")
+    if any(sample.n != samples[0].n for sample in samples):
+        notes = (*notes, f"all samples are drawn with the refractive index of {samples[0].name}")
+    notes += _beyond(
+        {
+            "thickness_mm": np.array([sample.thickness_mm for sample in samples]),
+            "n": np.maximum(n, LEAST_N), "rho_black": black, "rho_white": white,
+            "acceptance_deg": np.array([bench.detector.acceptance_deg]),
+            "averages": np.array([float(bench.instrument.frames)]),
+        }
+    )  # fmt: skip
     grey = Spectrum(np.full(count, 0.9), np.full(count, 5.0), np.full(count, 0.4))
     return Source(
         title, bench, samples, protocol, wavelength,
         {**spectra, GREY: grey, **library(wavelength)},
-        np.maximum(n, LEAST_N),
-        reflectance(bench.background.black.reflectance, wavelength),
-        reflectance(bench.background.white.reflectance, wavelength),
+        np.maximum(n, LEAST_N), black, white,
         notes=notes,
     )  # fmt: skip
+
+
+def _beyond(described: Mapping[str, FloatArray]) -> tuple[str, ...]:
+    """What of the description a slider cannot stand at: said, because a move goes to its end."""
+    return tuple(
+        f"{slider.label} is described as {values.min():g} to {values.max():g}, its slider goes from"
+        f" {slider.low:g} to {slider.high:g}: from the first move on it is drawn at the end"
+        for slider in SLIDERS
+        if (values := described.get(slider.name)) is not None
+        and (values.min() < slider.low or values.max() > slider.high)
+    )
 
 
 def thinned(wavelength_nm: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from scenarios.stress.parts import Case, Outcome
 from scenarios.stress.plan import NONE
-from scenarios.stress.score import COVERAGES, PARAMETERS, Answers, Score, Share
+from scenarios.stress.score import COVERAGES, PARAMETERS, Answers, Score, Share, status_name
 from twin.spectra import FloatArray
 
 NINETY = COVERAGES.index(0.9)
@@ -120,8 +120,8 @@ def costs_of(outcome: Outcome, scores: Mapping[Case, Score]) -> list[Cost]:
                 },
                 scores[case].overconfident,
                 scores[none].overconfident,
-                _ok(answers),
-                _ok(outcome.answers[none]),
+                ok_share(scores[case]),
+                ok_share(scores[none]),
             )
         )
     return found
@@ -164,7 +164,8 @@ def median(values: FloatArray) -> float:
     return float(np.median(finite)) if finite.size else math.nan
 
 
-def _ok(answers: Answers) -> Share:
+def ok_share(score: Score) -> Share:
+    """Points with the status OK."""
     from estimators import Status
 
-    return Share(int((answers.status == int(Status.OK)).sum()), len(answers))
+    return Share(score.status.get(status_name(int(Status.OK)), 0), score.points)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.report.figure import INK, figure_style, new_figure, svg_of
-from scenarios.stress.cost import NINETY, Cost, costs_of, median, stated_offsets
+from scenarios.stress.cost import NINETY, Cost, costs_of, median, ok_share, stated_offsets
 from scenarios.stress.parts import Case, Outcome
 from scenarios.stress.plan import NONE, StressPlan
 from scenarios.stress.score import PARAMETERS, Score
@@ -61,7 +61,7 @@ def cost_sections(outcome: Outcome, scores: Mapping[Case, Score]) -> list[dict[s
                     [
                         t,
                         *(
-                            f"{_ok(scores[case]):.0f} % · "
+                            f"{100 * ok_share(scores[case]).value:.0f} % · "
                             f"{100 * scores[case].overconfident.value:.0f} %"
                             for case in cases[t]
                         ),
@@ -165,10 +165,6 @@ def _cells(bias: FloatArray, share: FloatArray) -> list[str]:
         f"{b:+.1f} σ · {100 * s:.0f} %".replace("-", "−") if math.isfinite(b) else "–"
         for b, s in zip(bias, share, strict=True)
     ]
-
-
-def _ok(score: Score) -> float:
-    return 100.0 * score.status.get("ok", 0) / score.points
 
 
 def _shown(values: float | Mapping[str, float]) -> str:

@@ -79,6 +79,7 @@ def check_effects(plan: StressPlan, file: object = "") -> None:
 def _check(plan: StressPlan, bench: Bench, name: str) -> None:
     from twin.materials import OpticalProperties
     from twin.transport.bench_captures import collected_share
+    from twin.transport.geometry import height_of_stack
 
     visited = visit_bench(bench, plan.points_per_visit)
     plain = world_of(plan, visited, NONE)
@@ -104,9 +105,7 @@ def _check(plan: StressPlan, bench: Bench, name: str) -> None:
             )
     for view in world.views():
         for sample in view.samples:
-            covers = (*view.bench.covers_above, *view.bench.covers_below)
-            height = sample.thickness_mm + sum(layer.thickness_mm for layer in covers)
-            collected_share(view.bench, height)
+            collected_share(view.bench, height_of_stack(view.bench, sample))
     share, second_g = world.second_lobe
     ends = np.array(plan.materials.g)
     OpticalProperties(ends, ends, ends, ends, None, share, second_g).require_lobes()

@@ -8,7 +8,7 @@ every stack gets as many paths as its standard error asks for.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -70,28 +70,56 @@ def light_of(
     Raises:
         InputError: a spectrum of the bench does not cover a wavelength.
     """
+    groups = _groups(bench, sample, wavelength_nm, material, second_lobe)
+    key = light_key(bench, sample, wavelength_nm, material, light, seed, second_lobe)
+
+    def traced(rho: Sequence[FloatArray]) -> dict[str, FloatArray]:
+        return _traced(bench, groups, material[:, 0], rho, light, seed, threads)
+
+    return kept_light(bench, groups[0].stack.height, wavelength_nm, traced, key, folder)
+
+
+def kept_light(
+    bench: Bench,
+    height_mm: float,
+    wavelength_nm: FloatArray,
+    traced: Callable[[Sequence[FloatArray]], Mapping[str, FloatArray]],
+    key: str,
+    folder: Path | None,
+) -> NoiselessCaptures:
+    """Noiseless captures from the cache, or traced and put there.
+
+    Args:
+        bench: has the backgrounds and the reference plane.
+        height_mm: of the stack [mm].
+        wavelength_nm: [nm], shape (W,).
+        traced: `FIELDS`, shape (W,) each, from the reflectances of black and white, (W,) each.
+        key: content key of the light.
+        folder: of the cache; None traces without one.
+
+    Raises:
+        InputError: a spectrum of the bench does not cover a wavelength, or the folder cannot be
+            written.
+    """
     from twin.materials import reflectance
     from twin.transport import NoiselessCaptures, reference_factor
     from twin.transport.geometry import reference_plane_mm
 
-    groups = _groups(bench, sample, wavelength_nm, material, second_lobe)
-    rho = tuple(
+    rho = [
         reflectance(background.reflectance, wavelength_nm)
         for background in (bench.background.black, bench.background.white)
-    )
-    key = light_key(bench, sample, wavelength_nm, material, light, seed, second_lobe)
+    ]
     path = folder / f"{key}.light" if folder is not None else None
     found = load_arrays(path, lambda text: None) if path is not None else None
     if found is None:
-        found = _traced(bench, groups, material[:, 0], rho, light, seed, threads)
+        found = dict(traced(rho))
         if path is not None:
             store_arrays(path, found)
-    factor = reference_factor(bench, reference_plane_mm(bench, groups[0].stack.height))
     return NoiselessCaptures(
         wavelength_nm=wavelength_nm,
         rho_black=rho[0],
         rho_white=rho[1],
-        white_reference_factor=factor,
+        white_reference_factor=reference_factor(bench, reference_plane_mm(bench, height_mm)),
         **{name: found[name] for name in FIELDS},
     )
 
@@ -200,7 +228,7 @@ def _group_light(
 
     size = max(4, min(LOG2_PASS, int(math.log2(light.most_paths / BLOCKS))))
     small = min(LOG2_PILOT, size)
-    wanted = _wanted(*readings(_passes(stack, panels, top, small, 1, seed, PILOT)), light)
+    wanted = times_wanted(*readings(_passes(stack, panels, top, small, 1, seed, PILOT)), light)
     most = light.most_paths // (BLOCKS << size)
     passes = max(1, min(math.ceil(wanted * 2.0 ** (small - size)), most))
     values, errors = readings(_passes(stack, panels, top, size, passes, seed, PANELS))
@@ -210,7 +238,7 @@ def _group_light(
     return np.stack([*values, collimated / share, *errors, collimated_se / share])
 
 
-def _wanted(value: FloatArray, error: FloatArray, light: Light) -> float:
+def times_wanted(value: FloatArray, error: FloatArray, light: Light) -> float:
     """How many times the pilot's paths make the worse of black and white exact enough, (2, A)."""
     relative = np.where(value > 0, error / np.where(value > 0, value, 1.0), 0.0)
     worst = float(np.sqrt((relative**2).mean(axis=1)).max())

@@ -109,7 +109,7 @@ def light_points(plan: StressPlan, design: Design) -> list[dict[str, Any]]:
 
 def pieces_of(plan: StressPlan, design: Design) -> list[Piece]:
     """Every point of a plan in the order in which it is done."""
-    own = {name: plan.model_dump(mode="json")[name] for name in ("protocol", "map")}
+    own = plan.model_dump(mode="json", include={"protocol", "map"})
     codes = {each.name: code_of(*SOURCES, _home(each.name)) for each in plan.estimators}
     return [
         Piece(

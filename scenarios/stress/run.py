@@ -20,7 +20,11 @@ SWEEP = "sweep"
 """Folder of the ledger inside the output folder."""
 VERSION = "1"
 """Of what the sweeps keep; their points name the source of the program."""
-_INPUT_ERROR = re.compile(r"(?:\w+: )?found (?P<found>.*); expected (?P<expected>.*)", re.DOTALL)
+_INPUT_ERROR = re.compile(
+    r"(?:InputError: )?(?:(?P<place>.*?): )?found (?P<found>.*); expected (?P<expected>.*)",
+    re.DOTALL,
+)
+"""What a ledger keeps of an input error, whose place may be missing."""
 
 
 def run_plan(
@@ -67,12 +71,12 @@ def run_plan(
             LIGHT, light_points(plan, design), kept, version=VERSION, workers=workers,
             console=console, aside=aside, title="light of the visits",
         )  # fmt: skip
-        _said(lit)
+        _stop_if_failed(lit)
     done = sweep(
         ANSWERS, points, kept, version=VERSION, workers=workers, console=console, aside=aside,
         title=f"stress test of {len(design)} points",
     )  # fmt: skip
-    _said(done, NoVisit.__name__)
+    _stop_if_failed(done, NoVisit.__name__)
     texts = [f"{pieces[f.number].case.estimator}: {f.message}" for f in done.failures]
     raised = tuple(dict.fromkeys(texts))
     for text in raised:
@@ -80,8 +84,12 @@ def run_plan(
     return outcome_of(plan, design, pieces, done.results(), done.seconds(), raised)
 
 
-def _said(found: Sweep, kind: str = "") -> None:
+def _stop_if_failed(found: Sweep, kind: str = "") -> None:
     """Stop for a visit that could not be simulated: that is no answer of an estimator.
+
+    Args:
+        found: points that may have failed.
+        kind: of the exceptions that stop, by name; "" for any.
 
     Raises:
         InputError: wrong input that showed only now.
@@ -92,5 +100,6 @@ def _said(found: Sweep, kind: str = "") -> None:
             text = failure.message.removeprefix(f"{kind}: ")
             known = _INPUT_ERROR.fullmatch(text)
             if known:
-                raise InputError(known["found"], known["expected"], place="a simulated visit")
+                place = ": ".join(part for part in ("a simulated visit", known["place"]) if part)
+                raise InputError(known["found"], known["expected"], place=place)
             raise RuntimeError(f"a visit that could not be simulated: {text}")

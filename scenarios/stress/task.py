@@ -31,6 +31,7 @@ from twin.toml import validate
 if TYPE_CHECKING:
     from estimators import BenchModel
     from estimators.map_grid import Map
+    from scenarios.sweep import Workers
     from twin.effects import World
     from twin.transport import NoiselessCaptures
 
@@ -40,6 +41,8 @@ BENCH, EFFECTS = "bench", "effects"
 """What the only bench and the only entry of a point are called."""
 OF_ONE = ("estimator", "options", "code")
 """What the points of one visit at one noise level differ in."""
+MAP_NEEDS = ("bench", "n", "thickness_mm", "map", "cache", "threads")
+"""What of a point its maps are made from."""
 
 
 class NoVisit(RuntimeError):
@@ -88,11 +91,9 @@ def _taken(text: str) -> tuple[Taken, BenchModel]:
     return taken, BenchModel.of(taken.bench, taken.samples, visit_wavelengths(bench), maps)
 
 
-MAP_NEEDS = ("bench", "n", "thickness_mm", "map", "cache", "threads")
-
-
 @lru_cache(maxsize=4)
 def _maps(text: str) -> tuple[Map, ...]:
+    """The maps of a point, shared by the visits to its bench."""
     point = json.loads(text)
     return maps_of(_plan(point), BENCH, _folder(point), point["threads"], Console(quiet=True))
 
@@ -103,16 +104,29 @@ def maps_of(
     cache: Path | None,
     threads: int | None,
     console: Console,
-    **more: Any,
+    *,
+    workers: Workers | None = None,
 ) -> tuple[Map, ...]:
-    """The appearance maps of a bench of the plan, computed or from the cache."""
+    """The appearance maps of a bench of the plan, computed or from the cache.
+
+    Args:
+        plan: has the bench and the settings of the maps.
+        name: of the bench.
+        cache: folder of the maps; None takes the user's.
+        threads: of the Monte Carlo in this process.
+        console: is told what happens.
+        workers: as of `scenarios.maps.appearance_maps`.
+
+    Raises:
+        InputError: a folder that cannot be written, or workers that cannot be had.
+    """
     from scenarios.maps import appearance_maps
 
     bench = plan.benches[name]
     wavelength = np.asarray(bench.instrument.wavelength_nm, dtype=np.float64)
     return appearance_maps(
         bench, samples_of(plan), wavelength, plan.map, cache=cache, threads=threads,
-        console=console, **more,
+        console=console, workers=workers,
     )  # fmt: skip
 
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.stress.light import FIELDS, light_key, light_of
+from scenarios.stress.light import FIELDS, kept_light, light_key, light_of, times_wanted
 from scenarios.stress.plan import Light
-from twin.cache import content_key, load_arrays, store_arrays
+from twin.cache import content_key
 from twin.spectra import FloatArray
 
 if TYPE_CHECKING:
@@ -97,9 +97,8 @@ def _layered(
 ) -> NoiselessCaptures:
     """One sample whose inside falls into layers: paths for every wavelength on its own."""
     from twin.effects import world_captures
-    from twin.materials import OpticalProperties, reflectance
-    from twin.transport import NoiselessCaptures, reference_factor
-    from twin.transport.geometry import reference_plane_mm
+    from twin.materials import OpticalProperties
+    from twin.transport.geometry import height_of_stack
 
     bench, sample = world.bench, world.samples[number]
     own = world.changed(samples=(sample,), wedge=world.wedge[number : number + 1])
@@ -113,42 +112,25 @@ def _layered(
         ],
     }
     key = light_key(bench, sample, wavelength_nm, material, light, seed, own.second_lobe)
-    name = content_key({"light": key, **other})
-    path = folder / f"{name}.light" if folder is not None else None
-    found = load_arrays(path, lambda text: None) if path is not None else None
-    if found is None:
-        medium = OpticalProperties(
-            wavelength_nm, material[:, 0], material[:, 1], material[:, 2], None
+    medium = OpticalProperties(wavelength_nm, material[:, 0], material[:, 1], material[:, 2], None)
+
+    def by(paths: int) -> dict[str, FloatArray]:
+        (one,) = world_captures(
+            own, wavelength_nm, properties=medium, paths=paths, seeds=[seed], threads=threads
         )
+        return {name: getattr(one, name) for name in FIELDS}
 
-        def traced(paths: int) -> dict[str, FloatArray]:
-            (one,) = world_captures(
-                own, wavelength_nm, properties=medium, paths=paths, seeds=[seed], threads=threads
-            )
-            return {name: getattr(one, name) for name in FIELDS}
-
-        pilot = traced(PILOT_PATHS)
+    def traced(_: object) -> dict[str, FloatArray]:
+        pilot = by(PILOT_PATHS)
         value = np.stack([pilot["black"], pilot["white"]])
         error = np.stack([pilot["black_se"], pilot["white_se"]])
-        relative = np.where(value > 0, error / np.where(value > 0, value, 1.0), 0.0)
-        wanted = float((relative**2).mean(axis=1).max()) / light.relative_error**2
+        wanted = times_wanted(value, error, light)
         doublings = max(0, math.ceil(math.log2(max(wanted, 1.0))))
-        found = traced(min(PILOT_PATHS << doublings, light.most_paths))
-        if path is not None:
-            store_arrays(path, found)
-    covers = (*bench.covers_above, *bench.covers_below)
-    height = sample.thickness_mm + sum(layer.thickness_mm for layer in covers)
-    rho = [
-        reflectance(background.reflectance, wavelength_nm)
-        for background in (bench.background.black, bench.background.white)
-    ]
-    return NoiselessCaptures(
-        wavelength_nm=wavelength_nm,
-        rho_black=rho[0],
-        rho_white=rho[1],
-        white_reference_factor=reference_factor(bench, reference_plane_mm(bench, height)),
-        **found,
-    )
+        return by(min(PILOT_PATHS << doublings, light.most_paths))
+
+    height = height_of_stack(bench, sample)
+    name = content_key({"light": key, **other})
+    return kept_light(bench, height, wavelength_nm, traced, name, folder)
 
 
 def _plain(layers: Sequence[Layer]) -> list[Any]:

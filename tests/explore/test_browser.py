@@ -5,13 +5,14 @@ from __future__ import annotations
 import http.client
 import json
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks.explorer import browser, chromium
+from benchmarks.explorer import browser, chromium, wait_until_drawn
 from scenarios.explore.model import Explorer
 from scenarios.explore.moves import move_cosine, move_share
 from scenarios.explore.sliders import SLIDERS, Settings
@@ -125,14 +126,30 @@ def page(port: int) -> Iterator[Any]:
             lambda said: shown.complaints.append(said.text) if said.type == "error" else None,
         )
         shown.goto(f"http://127.0.0.1:{port}/")
-        shown.wait_for_selector("#spectra .main-svg")
-        shown.wait_for_function("document.querySelector('#tile-albedo') !== null")
+        wait_until_drawn(shown)
         yield shown
 
 
 POINT = "(() => { const d = document.querySelector('#map .js-plotly-plot').data;"
 POINT += " return [d[d.length - 1].x[0], d[d.length - 1].y[0]]; })()"
 CURVE = "document.querySelector('#spectra .js-plotly-plot').data[1].y"
+TILE = "Number(document.querySelector('#tile-albedo').innerText.split(' ')[0])"
+THUMBS = """names => names.map(name => {
+  const thumb = document.querySelector('#' + name + ' [role=slider]');
+  return [Number(thumb.ariaValueNow), parseFloat(thumb.ariaValueText)];
+})"""
+"""Where every slider stands, and the value that the page's program last wrote beside it."""
+NAMES = [slider.name for slider in SLIDERS]
+
+
+def eventually(
+    page: Any, script: str, wanted: Callable[[Any], bool], argument: Any = None, seconds: float = 30
+) -> Any:
+    """What a script gives: the first that is wanted, or the last when the time is over."""
+    end = time.monotonic() + seconds
+    while not wanted(found := page.evaluate(script, argument)) and time.monotonic() < end:
+        page.wait_for_timeout(20)
+    return found
 
 
 def press(page: Any, name: str, key: str, times: int = 1) -> None:
@@ -141,74 +158,95 @@ def press(page: Any, name: str, key: str, times: int = 1) -> None:
         page.keyboard.press(key)
 
 
-def test_a_slider_moves_picture_and_numbers(page: Any, explorer: Explorer) -> None:
-    before, curve, tile = (
-        page.evaluate(POINT),
-        page.evaluate(CURVE),
-        page.inner_text("#tile-albedo"),
+def written(thumbs: list[tuple[float, float]]) -> bool:
+    """Whether what stands beside the sliders is where they stand: the program has followed."""
+    return all(
+        abs(slider.position(value) - position) < 0.6 * slider.step
+        for slider, (position, value) in zip(SLIDERS, thumbs, strict=True)
     )
+
+
+def positions(page: Any) -> dict[str, float]:
+    """Positions of the sliders, once the page's program has followed them."""
+    thumbs = eventually(page, THUMBS, written, NAMES)
+    assert written(thumbs), thumbs
+    return {name: position for name, (position, _) in zip(NAMES, thumbs, strict=True)}
+
+
+def reset(page: Any, explorer: Explorer) -> None:
+    """Back to the description at the wavelength that is shown."""
+    page.click("#reset")
+    here = int(page.get_attribute("#wavelength [role=slider]", "aria-valuenow"))
+    wanted = explorer.at(explorer.first().material, here, 0).positions()
+    described = [pytest.approx(wanted[slider.name], abs=slider.step) for slider in SLIDERS]
+    found = eventually(page, THUMBS, lambda t: [p for p, _ in t] == described, NAMES)
+    assert [position for position, _ in found] == described
+
+
+def test_a_slider_moves_picture_and_numbers(page: Any, explorer: Explorer) -> None:
+    before, curve, tile = (page.evaluate(script) for script in (POINT, CURVE, TILE))
     assert before == pytest.approx(explorer.picture(explorer.first()).point)
     press(page, "albedo", "ArrowRight", times=40)
-    page.wait_for_function(f"{POINT}[1] > {before[1] + 0.02}")
     # many moves at once: the last one wins, and picture and label agree with the engine
-    settled = page.wait_for_function(
-        "(() => { const t = document.querySelector('#tile-albedo').innerText.split(' ')[0];"
-        " return Math.abs(Number(t) - Number(document.querySelector('#albedo-value').innerText))"
-        " < 1e-3 ? t : false; })()"
-    ).json_value()
-    assert float(settled) > float(tile.split()[0])
+    albedo = SLIDERS[0].value(positions(page)["albedo"])
+    assert albedo > tile + 0.05
+    last = pytest.approx(albedo, abs=1e-3)
+    assert eventually(page, TILE, lambda found: found == last) == last
+    assert page.evaluate(POINT)[1] > before[1] + 0.02
     assert page.evaluate(CURVE) != curve
     assert page.inner_text("#status") == ""
     assert page.get_attribute("#albedo [role=slider]", "aria-label") == "Albedo"
 
 
 def test_a_wavelength_takes_the_sliders_along(page: Any, explorer: Explorer) -> None:
-    page.click("#reset")
-    page.wait_for_timeout(500)
+    reset(page, explorer)
+    here = int(page.get_attribute("#wavelength [role=slider]", "aria-valuenow"))
     press(page, "wavelength", "ArrowRight", times=2)
-    page.wait_for_function("document.querySelector('#map-title').innerText.includes('570 nm')")
-    own = explorer.source.spectra[explorer.first().material]
-    page.wait_for_function(
-        "Math.abs(Number(document.querySelector('#albedo-value').innerText)"
-        f" - {own.albedo[17]}) < 1e-3"
-    )
-    x, y = explorer.picture(explorer.at(explorer.first().material, 17, 0)).point
-    page.wait_for_function(f"Math.hypot({POINT}[0] - {x}, {POINT}[1] - {y}) < 1e-4")
+    there = explorer.at(explorer.first().material, here + 2, 0)
+    point = pytest.approx(explorer.picture(there).point, abs=1e-4)
+    assert eventually(page, POINT, lambda found: found == point) == point
+    title = f"{explorer.source.wavelength_nm[here + 2]:.0f} nm"
+    assert title in page.inner_text("#map-title")
+    moved = positions(page)
+    for slider in SLIDERS[:3]:
+        assert moved[slider.name] == pytest.approx(
+            there.positions()[slider.name], abs=0.6 * slider.step
+        )
 
 
 def test_a_moved_spectrum_is_the_model_s(page: Any, explorer: Explorer) -> None:
     """Browser and model move spectra by the same rule: to another wavelength and back."""
-    page.click("#reset")
-    page.wait_for_timeout(500)
+    reset(page, explorer)
     press(page, "albedo", "ArrowRight", times=20)
     press(page, "g", "ArrowLeft", times=12)
     press(page, "rho_black", "ArrowRight", times=8)
     press(page, "n", "ArrowRight", times=6)
-    page.wait_for_timeout(500)
+    before = positions(page)
+    start = int(page.get_attribute("#wavelength [role=slider]", "aria-valuenow"))
     press(page, "wavelength", "ArrowLeft", times=9)
-    page.wait_for_timeout(500)
-    settings = {
-        name: float(page.get_attribute(f"#{name} [role=slider]", "aria-valuenow"))
-        for name in (slider.name for slider in SLIDERS)
-    }
-    here = int(page.get_attribute("#wavelength [role=slider]", "aria-valuenow"))
     first = explorer.first()
-    moved = Settings.of({**settings, "material": first.material, "wavelength": here, "sample": 0})
+    own, here = explorer.source.spectra[first.material], start - 9
     # the same moves made where they were made, seen from here
-    own = explorer.source.spectra[first.material]
-    start = here + 9
-    albedo = SLIDERS[0].value(SLIDERS[0].position(own.albedo[start]) + 20 * SLIDERS[0].step)
-    expected = move_share(own.albedo, start, albedo)[here]
-    assert moved.albedo == pytest.approx(expected, abs=2e-3)
-    assert moved.g == pytest.approx(move_cosine(own.g, start, own.g[start] - 0.06)[here], abs=6e-3)
-    x, y = explorer.picture(moved).point
-    page.wait_for_function(f"Math.hypot({POINT}[0] - {x}, {POINT}[1] - {y}) < 1e-3")
+    albedo, _, g = (slider.value(before[slider.name]) for slider in SLIDERS[:3])
+    expected = [
+        pytest.approx(move_share(own.albedo, start, albedo)[here], abs=2e-3),
+        pytest.approx(move_cosine(own.g, start, g)[here], abs=6e-3),
+    ]
+
+    def values(thumbs: list[tuple[float, float]]) -> list[float]:
+        return [SLIDERS[k].value(thumbs[k][0]) for k in (0, 2)]
+
+    found = eventually(page, THUMBS, lambda thumbs: values(thumbs) == expected, NAMES)
+    assert values(found) == expected
+    asked = {**positions(page), "material": first.material, "wavelength": here, "sample": 0}
+    point = pytest.approx(explorer.picture(Settings.of(asked)).point, abs=1e-3)
+    assert eventually(page, POINT, lambda found: found == point) == point
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (1920, 1080)])
 def test_everything_fits_on_the_screen(page: Any, width: int, height: int) -> None:
     page.set_viewport_size({"width": width, "height": height})
-    page.wait_for_timeout(300)
+    wait_until_drawn(page)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert page.evaluate("document.documentElement.scrollHeight") <= height
     below = page.evaluate(

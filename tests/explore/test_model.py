@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from estimators import BenchModel
 from estimators.forward import Forward
 from scenarios.explore.contours import CONTOURS, TAU, height_of
-from scenarios.explore.diagnosis import read_diagnosis
+from scenarios.explore.diagnosis import closure_sentence, read_diagnosis
 from scenarios.explore.model import Explorer
 from scenarios.explore.moves import move_cosine, move_scale, move_share
 from scenarios.explore.noise import covariance_of, lamps, light_of
@@ -191,6 +191,27 @@ def test_a_measurement_made_by_hand_is_explored() -> None:
 def test_no_more_wavelengths_than_a_picture_has() -> None:
     assert thinned(np.arange(400.0, 701.0, 2.0)).size == 31
     assert thinned(np.arange(5.0)).size == 5
+
+
+def test_what_no_slider_can_show_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "cuvette.toml"
+    sample = "[[samples]]\nname = '{0}'\nthickness_mm = {0}\nmaterial = 'demo_ink'\n"
+    file.write_text(
+        "title = 'Wide'\n" + "".join(sample.format(mm) for mm in (10.0, 25.0))
+        + "[bench.background]\nwhite = { reflectance = 1.0 }\n"
+    )  # fmt: skip
+    said = " ".join(source_of(str(file)).notes)
+    assert "Thickness is described as 10 to 25, its slider goes from 0.05 to 20" in said
+    assert "White background is described as 1 to 1" in said
+    assert not any("is described as" in note for note in source_of(None).notes)
+
+
+def test_a_closure_lies_inside_its_interval() -> None:
+    """More than the gap may close on held-out data: neither number is cut off."""
+    said = closure_sentence(
+        {"value": 1.02, "interval": [0.92, 1.14], "before": 60.0, "after": -1.2}
+    )
+    assert "102 % of the gap closes (90 % interval 92 to 114 %)" in said
 
 
 def test_a_file_that_is_no_diagnosis_is_refused(tmp_path) -> None:

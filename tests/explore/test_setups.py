@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +78,21 @@ def test_a_study_is_read_with_the_prices_of_its_parts(design: Design) -> None:
     assert design.compared[0].score == pytest.approx(0.016 / 0.03)
 
 
+def test_a_figure_without_effects_keeps_the_columns(tmp_path: Path) -> None:
+    pytest.importorskip("dash", reason="the extra explore is not installed: no page")
+    from scenarios.explore.panels import html_of
+    from scenarios.explore.setups import card
+
+    known = facts()
+    del known["robust"][0]["figures"]["g"]
+    (tmp_path / "design.json").write_text(json.dumps(known))
+    design = read_design(tmp_path)
+    table = html_of(card(design, design.setup(design.answer))[1])
+    rows = [row.count("<td") for row in table.split("<tr>")[2:]]
+    assert rows == [table.count("<th ") + table.count("<th>")] * 2
+    assert ">–</td>" in table
+
+
 def test_prices_of_other_parts_are_those_of_the_scenario_file(tmp_path: Path) -> None:
     """A study with parts of one's own has other ids than our list gives."""
     text = json.dumps(facts()).replace(facts()["answer"]["id"], "aaaaaaaaaaaa")
@@ -111,6 +128,16 @@ def test_the_picture_has_front_target_answer_and_choice(design: Design) -> None:
         assert (len(others["x"]), beside["x"]) == (1, [2628.0])
         assert figure["layout"]["shapes"][0]["y0"] == target
         assert figure["layout"]["xaxis"]["type"] == "log"
+
+
+def test_the_target_is_named_beside_its_line(design: Design) -> None:
+    own = design.setup(design.answer)
+    logarithmic = front_figure(design, own, "albedo")["layout"]
+    assert logarithmic["annotations"][0]["y"] == pytest.approx(math.log10(TARGETS["albedo"]))
+    exact = replace(own, figures={**own.figures, "albedo": 0.0})
+    others = tuple(each for each in design.setups if each.id != own.id)
+    linear = front_figure(replace(design, setups=(*others, exact)), exact, "albedo")["layout"]
+    assert linear["annotations"][0]["y"] == TARGETS["albedo"]
 
 
 def test_a_set_up_is_picked_on_the_page(design: Design, explorer: Explorer) -> None:

@@ -7,7 +7,9 @@ import runpy
 from pathlib import Path
 from typing import Any
 
-from scenarios.strategies import ALL
+import pytest
+
+from scenarios.strategies import ALL, Problem
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "property_testing.md"
 BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.M | re.S)
@@ -39,7 +41,14 @@ def test_the_example_with_strategies_runs(tmp_path: Path) -> None:
 
 
 def test_the_example_with_effects_runs(tmp_path: Path) -> None:
-    run(3, tmp_path)["test_two_percent_of_thickness_are_not_more_of_sigma_t"]()
+    example = run(3, tmp_path)["test_two_percent_of_thickness_are_not_more_of_sigma_t"]
+    assert example.is_hypothesis_test
+    example()
+    # The check can fail: 20 % of both thicknesses are more of sigma_t.
+    thicker = {f"thickness[{name}]": {"relative": 0.2} for name in ("0.5 mm", "1 mm")}
+    thick = Problem.of([(0.4, 2.0, 0.0)] * 2, effects=thicker)
+    with pytest.raises(AssertionError):
+        example.hypothesis.inner_test(thick)
 
 
 def test_the_table_is_complete() -> None:

@@ -146,9 +146,26 @@ def test_an_unknown_estimator_stops_before_any_work(tmp_path: Path):
 def test_a_visit_that_cannot_be_simulated_is_no_estimators_fault(
     tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ):
+    where = {"place": ""}
+
     def dark(*_: object, **__: object) -> None:
-        raise InputError("a lamp too bright", "one that the instrument can read")
+        raise InputError("a lamp too bright", "one that the instrument can read", **where)
 
     monkeypatch.setattr("scenarios.stress.task.take", dark)
-    with pytest.raises(InputError, match="a lamp too bright; expected one that"):
+    for place in ("", "bench.toml: instrument"):
+        where["place"] = place
+        said = ": ".join(part for part in ("a simulated visit", place) if part)
+        with pytest.raises(InputError, match="a lamp too bright; expected one that") as caught:
+            run_plan(tiny_plan(seed=5), tmp_path, cache=cache)
+        assert caught.value.place == said
+
+
+def test_what_is_no_input_error_is_an_error_of_ours(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("a mistake of ours")
+
+    monkeypatch.setattr("scenarios.stress.task.take", broken)
+    with pytest.raises(RuntimeError, match="a mistake of ours"):
         run_plan(tiny_plan(seed=5), tmp_path, cache=cache)

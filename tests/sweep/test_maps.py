@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import scenarios.maps
 from scenarios.console import Console
 from scenarios.maps import appearance_maps
 from scenarios.scenario import MapSettings
-from scenarios.sweep import Workers
+from scenarios.sweep import Engine, Workers
+from scenarios.sweep.task import Answer
+from scenarios.sweep.workers import Job
 from twin.bench import Bench, Sample
 
 BENCH = Bench(covers_above=(), covers_below=())
@@ -42,35 +46,38 @@ def test_workers_give_the_same_bytes(tmp_path: Path, engine: str, alone: list[by
     assert not list((tmp_path / "sweeps").iterdir())  # nothing is left of the work
 
 
-def test_only_what_is_missing_is_spread(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, alone: list[bytes]
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Watched(Workers):
+    """Two processes whose jobs are counted, with a cache of their own if one is given."""
+
+    engine: Engine = "joblib"
+    count: int = 2
+    folder: str = ""
+    counts: list[int] = field(default_factory=list)
+
+    def answers(
+        self, task: str, jobs: Sequence[Job], say: Callable[[str], None] = lambda text: None
+    ) -> Iterator[Answer]:
+        self.counts.append(len(jobs))
+        if self.folder:
+            jobs = [(n, json.dumps(json.loads(text) | {"folder": self.folder})) for n, text in jobs]
+        return super().answers(task, jobs, say)
+
+
+def test_only_what_is_missing_is_spread(tmp_path: Path, alone: list[bytes]) -> None:
     made(tmp_path)
     victim = min(tmp_path.glob("*.map"))
     victim.write_bytes(b"damaged")
-    counts: list[int] = []
-    through = scenarios.maps.sweep
-
-    def counting(task, points, *rest, **named):  # type: ignore[no-untyped-def]
-        counts.append(len(points))
-        return through(task, points, *rest, **named)
-
-    monkeypatch.setattr(scenarios.maps, "sweep", counting)
-    assert made(tmp_path, Workers(engine="joblib", count=2)) == alone
-    assert counts == [SETTINGS.g_count]
-    made(tmp_path, Workers(engine="joblib", count=2))
-    assert counts == [SETTINGS.g_count]
+    workers = Watched()
+    assert made(tmp_path, workers) == alone
+    assert workers.counts == [SETTINGS.g_count]
+    made(tmp_path, workers)
+    assert workers.counts == [SETTINGS.g_count]
 
 
 def test_parts_travel_back_from_workers_with_a_cache_of_their_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, alone: list[bytes]
+    tmp_path: Path, alone: list[bytes]
 ) -> None:
     """A worker on another machine keeps its parts there; the results arrive all the same."""
-    through = scenarios.maps._point
-
-    def elsewhere(*named, **options):  # type: ignore[no-untyped-def]
-        return through(*named, **options) | {"folder": str(tmp_path / "worker")}
-
-    monkeypatch.setattr(scenarios.maps, "_point", elsewhere)
-    assert made(tmp_path / "head", Workers(engine="joblib", count=2)) == alone
+    assert made(tmp_path / "head", Watched(folder=str(tmp_path / "worker"))) == alone
     assert len(list((tmp_path / "worker").glob("*.part"))) == 2 * SETTINGS.g_count

@@ -6,12 +6,12 @@ import numpy as np
 
 from twin.adding_doubling.model import captures_model
 from twin.adding_doubling.streams import Streams, streams_for
-from twin.bench import Bench, Sample, stack_of
+from twin.bench import Bench, Sample
 from twin.errors import InputError
 from twin.materials import OpticalProperties, optical_properties, refractive_index
 from twin.spectra import FloatArray
 from twin.transport import NoiselessCaptures, reference_factor
-from twin.transport.geometry import reference_plane_mm
+from twin.transport.geometry import height_of_stack, reference_plane_mm
 
 STATED_BOUND = 1e-4
 """Absolute error [1] of every capture for |g| up to 0.9."""
@@ -78,7 +78,7 @@ def captures(
         value = model.forward(parameters)
     black, white, collimated = np.asarray(value)[:, 0].T
     nothing = np.zeros_like(black)
-    height = sum(layer.thickness_mm for layer in stack_of(bench, sample, None))
+    height = height_of_stack(bench, sample)
     return NoiselessCaptures(
         wavelength, black, white, collimated, nothing, nothing, nothing,
         np.asarray(model.nominal.rho_black), np.asarray(model.nominal.rho_white),

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.adding_doubling.streams import condensed
-from twin.bench import Bench, Panel, Sample, stack_of
+from twin.bench import Bench, Panel, Sample
 from twin.spectra import FloatArray
 from twin.transport.geometry import (
+    height_of_stack,
     panel_shape,
     reference_factor,
     reference_plane_mm,
@@ -83,7 +84,7 @@ def plane_factors(bench: Bench, samples: tuple[Sample, ...]) -> FloatArray:
     top = reference_factor(bench, 0.0)
     rows = []
     for sample in samples:
-        height = sum(layer.thickness_mm for layer in stack_of(bench, sample, None))
+        height = height_of_stack(bench, sample)
         logs = [
             math.log(top / reference_factor(bench, reference_plane_mm(bench, height + shift)))
             for shift in (-step, 0.0, step)

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from twin.bench import Background, Bench, Panel
+from twin.bench import Background, Bench, Panel, Sample, stack_of
 from twin.spectra import FloatArray
 from twin.transport.engine import Outline, PanelShape, Setup
 
@@ -97,6 +97,11 @@ def _mean_factor(panels: tuple[Panel, ...], radius: float, plane_mm: float) -> f
         for k in range(6)
     ]
     return sum(w * irradiance_factor(shapes, x, y, plane_mm) for x, y, w in points)
+
+
+def height_of_stack(bench: Bench, sample: Sample) -> float:
+    """Thickness [mm] of covers and sample together."""
+    return sum(layer.thickness_mm for layer in stack_of(bench, sample, None))
 
 
 def reference_plane_mm(bench: Bench, stack_height_mm: float) -> float:

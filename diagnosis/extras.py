@@ -212,7 +212,7 @@ def _engine(
                 integration_s=readout.integration_s[own], gain=readout.gain[own],
             )  # fmt: skip
     return EffectEngine(
-        world, engine.wavelength_nm, factors, readout, paths=min(engine.paths, PATHS),
+        world, engine.wavelength_nm, factors, readout, least_paths=min(engine.least_paths, PATHS),
         seed=engine.seed, folder=engine.folder, threads=engine.threads, say=engine.say,
     )  # fmt: skip
 

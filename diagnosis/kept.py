@@ -35,6 +35,7 @@ class KeptLight(FastLight):
             world.views(),
             tuple(sample.thickness_mm for sample in world.described_samples),
             world.second_lobe,
+            world.sublayers,
             given.tobytes(),
         )
         found = self._kept.get(key)
@@ -67,10 +68,9 @@ class KeptLattice(Lattice):
 class KeptEngine(EffectEngine):
     """`EffectEngine` whose plane-parallel light and Monte Carlo responses are kept."""
 
-    @cached_property
-    def lattice(self) -> Lattice:
+    def _new_lattice(self, paths: int) -> Lattice:
         """The Monte Carlo's responses, with a memory."""
-        plain = super().lattice
+        plain = super()._new_lattice(paths)
         return KeptLattice(**{each.name: getattr(plain, each.name) for each in fields(Lattice)})
 
     @cached_property

@@ -13,7 +13,7 @@ from diagnosis.kept import KeptEngine
 from diagnosis.problem import Channel, EffectValues, Problem, Smoothness
 from diagnosis.reduction import Reduction
 from diagnosis.refit import fit
-from diagnosis.response_noise import response_doubt
+from diagnosis.response_noise import loudness, response_doubt
 from diagnosis.suspects import candidate_of, judgeable
 from twin.effects import Candidate as Suspect
 from twin.effects import Catalogue, EffectEngine, LeftOut, Readout, World, catalogue
@@ -82,7 +82,7 @@ def translucent_case(
             is taken as unbounded.
         folder: of the cached responses of the Monte Carlo; None takes the user's.
         threads: of the Monte Carlo.
-        paths: of its responses.
+        paths: of its responses; up to 8 times as many of those that are mostly noise.
         material: albedo, sigma_t [1/mm] and g, shape (W, 3), where signatures are taken; None
             takes the fit without effects.
         say: told of what a person should know.
@@ -96,7 +96,7 @@ def translucent_case(
     factors, error = _finite(measurement, data.wavelength_nm, maps)
     readout = None if measurement.captures is None else Readout.of(measurement)
     engine = KeptEngine(
-        world, data.wavelength_nm, factors, readout, paths=paths, folder=folder,
+        world, data.wavelength_nm, factors, readout, least_paths=paths, folder=folder,
         threads=threads, say=say,
     )  # fmt: skip
     names = [sample.name for sample in measurement.samples]
@@ -127,9 +127,17 @@ def translucent_case(
     at = physical(fitted)
     reduction = Reduction.of(bare, bare.jacobian(fitted, {}))
 
-    def signature(suspect: Suspect) -> FloatArray:
+    def taken(suspect: Suspect) -> FloatArray:
         own = engine.signature(suspect, at)
         return np.asarray(own.reshape(*own.shape[:2], -1)[..., place])
+
+    def signature(suspect: Suspect) -> FloatArray:
+        own = taken(suspect)
+        times = loudness(engine, suspect, at, own, place, reduction).times_wanted
+        if times == 1:
+            return own
+        engine.more_paths[suspect.name] = times * paths
+        return taken(suspect)
 
     tested = judgeable(
         found,

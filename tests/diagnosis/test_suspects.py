@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from diagnosis import Channel, Problem, Reduction
-from diagnosis.response_noise import LOUD_NOISE, TOLD_FROM_NOISE, response_doubt
+from diagnosis.response_noise import (
+    LOUD_NOISE,
+    MOST_TIMES,
+    TOLD_FROM_NOISE,
+    Loudness,
+    response_doubt,
+)
 from diagnosis.suspects import Judgeable, candidate_of, judgeable
 from twin.effects import Candidate, Effect, EffectParameter, LeftOut
 from twin.spectra import FloatArray
@@ -37,8 +43,10 @@ class Known:
     """An engine that knows every response as well as it is told, and counts who asks."""
 
     error: FloatArray
-    paths: int = 64
     asked: list[str] = field(default_factory=list)
+
+    def paths(self, candidate: Candidate) -> int:
+        return 64
 
     def signature_error(self, candidate: Candidate, material: FloatArray) -> FloatArray:
         assert material is MATERIAL
@@ -105,6 +113,31 @@ def test_noise_that_the_material_takes_up_does_no_harm() -> None:
     half = everything.copy()
     half[:, :, 3:] = 0.0
     assert doubt(signal=12.0, noise=10.0, slope=half) != ""
+
+
+@pytest.mark.parametrize(
+    ("signal", "noise", "times"),
+    [
+        (12.0, 0.9, 1),  # harmless
+        (40.0, 2.0, 1),  # well known
+        (np.hypot(8.0, 3.0), 3.0, 4),  # 3 / sqrt(4) is below a quarter of the 8 that are true
+        (np.hypot(8.0, 8.0), 8.0, MOST_TIMES),  # not well known even so, but told from noise
+        (1.0, 2.5, MOST_TIMES),  # harmless with as many
+        (60.0, 60.0, MOST_TIMES),  # as much may be true as is noise
+    ],
+)
+def test_paths_are_asked_for_where_they_help(signal: float, noise: float, times: int) -> None:
+    found = Loudness(signal, noise)
+    assert found.times_wanted == times
+    assert Loudness(signal, noise / np.sqrt(times)).sure or signal < noise
+
+
+def test_no_paths_are_spent_on_a_response_that_stays_unknown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("diagnosis.response_noise.MOST_TIMES", 2)
+    assert Loudness(60.0, 60.0).times_wanted == 1
+    assert Loudness(2.0, 2.5).times_wanted == 1
 
 
 def test_repeats_share_the_noise_of_their_response() -> None:

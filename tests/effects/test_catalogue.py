@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.effects.worlds import WAVELENGTH, candidates, engine, material, typical, world
+from tests.effects.worlds import WAVELENGTH, candidates, engine, material, sharp, typical, world
 from twin.bench import Bench, Sample
 from twin.effects import (
     Candidate,
@@ -73,7 +73,7 @@ def test_nominal_values_change_nothing(name: str) -> None:
     own = candidates()[name]
     assert own.apply(world(), own.nominal) is world()
     light = np.full((len(WAVELENGTH), 2, 3), 0.3)
-    assert np.array_equal(expected_intensities(world(), light, WAVELENGTH), light)
+    assert np.array_equal(expected_intensities(sharp(), light, WAVELENGTH), light)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -146,7 +146,7 @@ def test_any_set_of_effects_combines(tmp_path: Path) -> None:
     for name in reversed(names):
         backwards = candidates()[name].apply(backwards, typical(candidates()[name]))
     assert replace(both, applied=()) == replace(backwards, applied=())
-    own = EffectEngine(world(), WAVELENGTH, paths=256, folder=tmp_path)
+    own = EffectEngine(world(), WAVELENGTH, least_paths=256, folder=tmp_path)
     light = own.intensities(both, material())
     assert np.isfinite(light).all()
     assert not np.allclose(light, own.intensities(world(), material()), rtol=1e-3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.effects.worlds import WAVELENGTH, candidates, engine, material, samples, world
+from tests.effects.worlds import WAVELENGTH, candidates, engine, material, samples, sharp, world
 from twin.bench import Bench, Panel
 from twin.effects import EffectEngine, World, expected_intensities
 from twin.effects.fast import _program
@@ -158,7 +158,7 @@ def test_nothing_is_compiled_again() -> None:
 
 
 def test_a_world_without_changes_after_the_light_is_its_light() -> None:
-    own = candidates()["thickness[0.3 mm]"].apply(world(), (0.02,))
+    own = candidates()["thickness[0.3 mm]"].apply(sharp(), (0.02,))
     light = engine().light(own, material())
     assert np.array_equal(expected_intensities(own, light, WAVELENGTH), light)
 

@@ -23,7 +23,9 @@ EFFECTS = {"gap": 2.0, "lateral_loss": 0.1, "beam_divergence": 2.0}
 
 @pytest.fixture(scope="module")
 def engine(tmp_path_factory: pytest.TempPathFactory) -> EffectEngine:
-    return EffectEngine(world(), WAVELENGTH, paths=PATHS, folder=tmp_path_factory.mktemp("effects"))
+    return EffectEngine(
+        world(), WAVELENGTH, least_paths=PATHS, folder=tmp_path_factory.mktemp("effects")
+    )
 
 
 def independent(name: str, value: float, sample: int) -> tuple[np.ndarray, np.ndarray]:
@@ -65,17 +67,17 @@ def test_what_an_effect_leaves_alone_does_not_change(engine: EffectEngine) -> No
 
 
 def test_responses_are_kept(tmp_path: Path) -> None:
-    one = EffectEngine(world(), WAVELENGTH, paths=512, folder=tmp_path)
+    one = EffectEngine(world(), WAVELENGTH, least_paths=512, folder=tmp_path)
     first = one.signature(candidates()["gap"], FLAT)
     files = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.npz")}
     assert files
-    again = EffectEngine(world(), WAVELENGTH, paths=512, folder=tmp_path)
+    again = EffectEngine(world(), WAVELENGTH, least_paths=512, folder=tmp_path)
     assert np.array_equal(again.signature(candidates()["gap"], FLAT), first)
     assert {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.npz")} == files
 
 
 def test_another_material_in_the_same_cells_needs_no_trace(tmp_path: Path) -> None:
-    one = EffectEngine(world(), WAVELENGTH, paths=512, folder=tmp_path)
+    one = EffectEngine(world(), WAVELENGTH, least_paths=512, folder=tmp_path)
     one.signature(candidates()["gap"], FLAT)
     count = len(list(tmp_path.glob("*.npz")))
     other = FLAT * (0.9, 1.02, 1.01)

@@ -87,11 +87,16 @@ def test_wider_bands_blur_lamp_and_sample() -> None:
     changed = candidate(world, "bandwidth").apply(world, (6.0,))
     pixels = np.asarray(described.bench.instrument.wavelength_nm)
     seen = [reported(visit(described, each)) for each in (world, changed)]
-    found = expected_intensities(changed, seen[0], pixels, Readout.of(visit(described, world)))
+    sharp = scenario("bandwidth", step_nm=5.0)
+    light = reported(visit(sharp, World.nominal(sharp.bench, sharp.samples)))
+    readout = Readout.of(visit(described, world))
     inside = slice(4, -4)
     size = np.abs(seen[1] - seen[0])[inside].max()
     assert size > 1e-5
-    assert np.abs(found - seen[1])[inside].max() < 0.2 * size
+    for own, true in zip((world, changed), seen, strict=True):
+        found = expected_intensities(own, light, pixels, readout)
+        assert np.abs(found - true)[inside].max() < 0.1 * size
+    assert np.abs(light - seen[0])[inside].max() > 0.25 * size, "without the bands it must fail"
 
 
 def test_planned_readout_is_that_of_an_automatic_visit() -> None:

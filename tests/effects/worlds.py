@@ -65,8 +65,17 @@ def world() -> World:
 
 
 @lru_cache
+def sharp() -> World:
+    """The same with pixels that have no width."""
+    return World.nominal(
+        Bench.model_validate({"instrument": {"kind": "spectrometer", "off": ("bandwidth",)}}),
+        samples(0.3, 0.6),
+    )
+
+
+@lru_cache
 def engine() -> EffectEngine:
-    return EffectEngine(world(), WAVELENGTH, paths=1024)
+    return EffectEngine(world(), WAVELENGTH, least_paths=1024)
 
 
 def candidates() -> dict[str, Candidate]:

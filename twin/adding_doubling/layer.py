@@ -91,8 +91,10 @@ def _modes_jvp(primals: tuple[Array, Array], tangents: tuple[Any, Any]) -> tuple
     return (squared, shape, inverse), (d_squared, shape @ mixing, -mixing @ inverse)
 
 
-def layer_modes(streams: Inside, polynomial: Array, albedo: Array, moments: Array) -> Modes:
-    """Modes of a medium.
+def balances(
+    streams: Inside, polynomial: Array, albedo: Array, moments: Array
+) -> tuple[Array, Array]:
+    """E and O of a medium, (N, N) each.
 
     Args:
         streams: N streams.
@@ -106,11 +108,16 @@ def layer_modes(streams: Inside, polynomial: Array, albedo: Array, moments: Arra
     loss = jnp.diag(1.0 / streams.cosine)
     even = loss - (scaled[0::2].T * strength[0::2]) @ scaled[0::2]
     odd = loss - (scaled[1::2].T * strength[1::2]) @ scaled[1::2]
-    squared, shape, _ = modes(even, odd)
+    return even, odd
+
+
+def layer_modes(streams: Inside, polynomial: Array, albedo: Array, moments: Array) -> Modes:
+    """Modes of a medium: arguments of `balances`."""
+    squared, shape, _ = modes(*balances(streams, polynomial, albedo, moments))
     return Modes(squared, shape)
 
 
-def _even_response(squared: Array, half: Array) -> Array:
+def even_response(squared: Array, half: Array) -> Array:
     """K tanh(k h), analytic in k^2."""
     y = squared * half**2
     small = y < SERIES_BELOW
@@ -119,7 +126,7 @@ def _even_response(squared: Array, half: Array) -> Array:
     return jnp.where(small, series, root * jnp.tanh(root)) / half
 
 
-def _odd_response(squared: Array, half: Array) -> Array:
+def odd_response(squared: Array, half: Array) -> Array:
     """K coth(k h), analytic in k^2."""
     y = squared * half**2
     small = y < SERIES_BELOW
@@ -157,7 +164,7 @@ def respond(
         s at the top and at the bottom, (N, R) each.
     """
     half = 0.5 * depth
-    even, odd = _even_response(layer.squared, half), _odd_response(layer.squared, half)
+    even, odd = even_response(layer.squared, half), odd_response(layer.squared, half)
     force_even = layer.shape.T @ (0.5 * (source_top + source_bottom))
     force_odd = layer.shape.T @ (0.5 * (source_top - source_bottom))
     if bottom is None:

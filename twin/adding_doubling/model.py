@@ -25,7 +25,7 @@ from twin.adding_doubling.phase import (
     henyey_greenstein_moments,
     high_moments,
 )
-from twin.adding_doubling.single import Ray, reflected_once
+from twin.adding_doubling.single import Ray, reflected_once, reflected_once_inside
 from twin.adding_doubling.slab import TAIL_ORDERS, cone_share
 from twin.adding_doubling.streams import (
     Streams,
@@ -34,6 +34,7 @@ from twin.adding_doubling.streams import (
     legendre_cone,
     make_streams,
 )
+from twin.adding_doubling.sublayers import inner_layers, respond_inside, sublayers_of
 from twin.bench import Bench, Sample
 from twin.errors import InputError
 from twin.materials import optical_properties, reflectance, refractive_index
@@ -108,7 +109,7 @@ class Parts(NamedTuple):
 
 
 class Geometry(NamedTuple):
-    """What of a bench is the same at all wavelengths: detector, panels, planes, thicknesses."""
+    """What of a bench is the same at all wavelengths: detector, panels, planes, samples' inside."""
 
     detector: Any
     panel_share: Any
@@ -118,6 +119,7 @@ class Geometry(NamedTuple):
     thickness_mm: Any
     cone_cosine: Any
     second: TwoTerm = TwoTerm(0.0, 0.0)
+    sublayers: Any = ()
 
 
 class Constants(NamedTuple):
@@ -136,6 +138,7 @@ class Form:
     contact: bool
     mirrored: bool
     two_term: bool = False
+    layered: bool = False
 
 
 def _phase_of(form: Form, g: Array, moments: Array, second: TwoTerm, cosine: Array) -> Array:
@@ -174,13 +177,35 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry, form:
         tail = high_moments(g, orders, TAIL_ORDERS - orders)
     scaled = delta_m(parameters.albedo, moments)
     polynomial = polynomials(here, orders)
-    layer = layer_modes(here, polynomial, scaled.albedo, scaled.moments)
     root = here.root_weight * jnp.sqrt(here.cosine)
     flux_top = jnp.zeros(count).at[air].set(jnp.asarray(geometry.detector))
     drive_top = jnp.where(root > 0.0, top.through / jnp.where(root > 0.0, root, 1.0), 0.0)
     drive_top = drive_top * flux_top
     lambert = 2.0 * jnp.asarray(streams.air_weight * streams.air_cosine)
-    top_admittance = admittance(layer, top.inside)
+    if form.layered:
+        inner = inner_layers(here, polynomial, parameters.albedo, moments, geometry.sublayers)
+
+        def between(below: Window) -> Any:
+            return partial(respond_inside, inner, top.inside, below.inside)
+
+        def depths_of(true_depth: Array) -> tuple[Any, ...]:
+            depths = inner.depth * true_depth + THINNEST
+            once = partial(reflected_once_inside, n=n, albedo=inner.albedo, depth=depths)
+            return depths, jnp.sum(depths), inner.true_depth * true_depth, inner.true_albedo, once
+
+    else:
+        layer = layer_modes(here, polynomial, scaled.albedo, scaled.moments)
+        top_admittance = admittance(layer, top.inside)
+
+        def between(below: Window) -> Any:
+            same = form.mirrored and below is bottom
+            other = None if same else admittance(layer, below.inside)
+            return partial(respond, layer, top_admittance, other)
+
+        def depths_of(true_depth: Array) -> tuple[Any, ...]:
+            depth = scaled.shrink * true_depth + THINNEST
+            once = partial(reflected_once, n=n, albedo=scaled.albedo, depth=depth)
+            return depth, depth, true_depth, parameters.albedo, once
 
     # phase function between the normal and every stream, as the streams see it
     strength = (2.0 * jnp.arange(orders) + 1.0) * scaled.moments
@@ -208,12 +233,10 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry, form:
         zero = jnp.zeros_like(root)
         from_top = jnp.stack([2.0 * drive_top / (1.0 + top.inside), zero], axis=1)
         from_below = jnp.stack([zero, 2.0 * drive_below / (1.0 + below.inside)], axis=1)
-        other = None
-        if not (form.mirrored and below is bottom):
-            other = admittance(layer, below.inside)
+        react = between(below)
 
-        def at(depth: Array) -> tuple[Array, Array, Array]:
-            s_top, s_bottom = respond(layer, top_admittance, other, depth, from_top, from_below)
+        def at(depths: Array) -> tuple[Array, Array, Array]:
+            s_top, s_bottom = react(depths, from_top, from_below)
             up = s_top - jnp.stack([drive_top, zero], axis=1)
             up = (top.through * root / (1.0 + top.inside))[:, None] * up
             down = s_bottom - jnp.stack([zero, drive_below], axis=1)
@@ -238,9 +261,8 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry, form:
         spread = root[first + normal] ** 2 / jnp.sum(root**2) / lambert[normal]
 
     def sample(thickness: Array, plane: Array, nominal: Array) -> Array:
-        true_depth = parameters.sigma_t_per_mm * thickness
-        depth = scaled.shrink * true_depth + THINNEST
-        up, down, returned = backed(depth)
+        depths, depth, true_depth, albedo, once = depths_of(parameters.sigma_t_per_mm * thickness)
+        up, down, returned = backed(depths)
         mirror, clear_backed = specular(top, backed_bottom, here.cosine, depth)
         at = first + normal
 
@@ -252,9 +274,8 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry, form:
             (here.cosine[air], top.through[air], top.inside[air], backed_bottom.inside[air])
         )
         lights = ray((panel_mu, panel_top.through, panel_top.inside, panel_below.inside))
-        common = (n, scaled.albedo, depth)
-        once_seen = reflected_once(nodes, view, *common, seen_back, seen_ahead)
-        once_true = reflected_once(lights, view, *common, true_back, true_ahead)
+        once_seen = once(nodes, view, back=seen_back, ahead=seen_ahead)
+        once_true = once(lights, view, back=true_back, ahead=true_ahead)
         # single scattering is told exactly; only the smooth rest is interpolated to the panels
         specular_part = (mirror - top.outside)[air] * flux_top[air]
         smooth = (up[air, 0] - specular_part) / lambert - once_seen
@@ -266,12 +287,12 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry, form:
         sent = sent + spread * (geometry.panel_share @ clear_panels)
         shift = thickness - nominal
         height = jnp.exp(plane[0] + shift * (plane[1] + 0.5 * shift * plane[2]))
-        free_down = through_air(depth)[1] if form.contact else down
+        free_down = through_air(depths)[1] if form.contact else down
         _, clear = specular(top, bottom, here.cosine, depth)
         scattered = (free_down[at, 0] - clear[at] * flux_top[at]) / lambert[normal]
         peak_light = cone_share(
             top.through[at] * bottom.through[at], top.inside[at] * bottom.inside[at],
-            true_depth, parameters.albedo, scaled.peak, tail, low, high,
+            true_depth, albedo, scaled.peak, tail, low, high,
         )  # fmt: skip
         total = (1.0 - geometry.cone_cosine**2) * scattered + peak_light
         rounds = top.inside[at] * bottom.inside[at] * jnp.exp(-2.0 * true_depth)
@@ -396,6 +417,7 @@ def captures_model(
     moments: FloatArray | None = None,
     contact: bool = False,
     second: tuple[float, float] | None = None,
+    sublayers: Sequence[tuple[float, float, float]] = (),
 ) -> CapturesModel:
     """A differentiable model of the bench for samples that differ in thickness alone.
 
@@ -410,10 +432,13 @@ def captures_model(
         second: share and g of a second Henyey-Greenstein lobe beside one that keeps the mean
             cosine at the parameter g (see `twin.bench.Medium`); None for none, whatever the
             samples' material: a model says what is assumed, not what is true.
+        sublayers: of every sample from the top down: share of the thickness, and factors on the
+            scattering and on the absorption coefficient; none for samples that are the same all
+            through.
 
     Raises:
-        InputError: samples of several indices, a scattering cover, bad moments, or moments
-            together with a second lobe.
+        InputError: samples of several indices, a scattering cover, bad moments, moments together
+            with a second lobe, or sublayers that are no layers.
     """
     wavelength = np.atleast_1d(np.asarray(wavelength_nm, dtype=np.float64))
     given = tuple(samples)
@@ -438,10 +463,14 @@ def captures_model(
     mirrored = tuple(bench.covers_above) == tuple(reversed(bench.covers_below))
     if second is not None and moments is not None:
         raise InputError("moments and a second lobe", "one of them", place="moments")
-    form = Form(streams, moments is not None, contact, mirrored, second is not None)
+    form = Form(
+        streams, moments is not None, contact, mirrored, second is not None, bool(sublayers)
+    )
     geometry, light = _geometry(bench, given, streams)
     if second is not None:
         geometry = geometry._replace(second=TwoTerm(*second))
+    if sublayers:
+        geometry = geometry._replace(sublayers=sublayers_of(sublayers))
     around = _surroundings(bench, wavelength, n, geometry, streams.orders, moments)
     return CapturesModel(
         wavelength,

@@ -58,6 +58,31 @@ def reflected_once(
     return _strength(light, view, n, albedo, fade_l, fade_v) * (back * sum_back + ahead * sum_ahead)
 
 
+def reflected_once_inside(
+    light: Ray, view: Ray, n: Array, albedo: Array, depth: Array, back: Array, ahead: Array
+) -> Array:
+    """`reflected_once` of L layers of unlike media; their albedo and depth, (L,), top down."""
+    whole = jnp.sum(depth)
+    fade_l, fade_v = jnp.exp(-whole / light.cosine), jnp.exp(-whole / view.cosine)
+    rate = 1.0 / light.cosine + 1.0 / view.cosine
+    total, above = jnp.zeros(()), jnp.zeros(())
+    for number in range(depth.shape[0]):
+        own = depth[number]
+        below = whole - above - own
+        turned = _attenuated(rate, own)
+        turned_above = turned * jnp.exp(-rate * above)
+        # both ways by the far window: down to it and up again
+        turned_below = turned * jnp.exp(-rate * (whole + below)) * light.far * view.far
+        straight = _forward(light.cosine, view.cosine, own)
+        down_then_up = jnp.exp(-above / light.cosine - below / view.cosine) * view.far * fade_v
+        up_by_far = jnp.exp(-below / light.cosine - above / view.cosine) * light.far * fade_l
+        total = total + albedo[number] * (
+            back * (turned_above + turned_below) + ahead * straight * (down_then_up + up_by_far)
+        )
+        above = above + own
+    return _strength(light, view, n, jnp.ones(()), fade_l, fade_v) * total
+
+
 def transmitted_once(
     light: Ray, view: Ray, n: Array, albedo: Array, depth: Array, back: Array, ahead: Array
 ) -> Array:

@@ -24,10 +24,10 @@ from twin.adding_doubling.faces import Inside, Window, cosine_inside, inside, wi
 from twin.adding_doubling.layer import (
     THINNEST,
     Modes,
-    _even_response,
-    _odd_response,
     admittance,
+    even_response,
     layer_modes,
+    odd_response,
     polynomials,
 )
 from twin.adding_doubling.linear import solve_positive
@@ -131,8 +131,8 @@ def layer_of(parameters: Parameters, around: Surroundings, form: Form) -> Layer:
 def solve_layer(layer: Layer, depth: Array, top: Array, bottom: Array) -> tuple[Array, Array]:
     """Even and odd amplitudes for forces on both faces in the basis of the modes, (N, R)."""
     half = 0.5 * depth
-    even = jnp.diag(_even_response(layer.modes.squared, half))
-    odd = jnp.diag(_odd_response(layer.modes.squared, half))
+    even = jnp.diag(even_response(layer.modes.squared, half))
+    odd = jnp.diag(odd_response(layer.modes.squared, half))
     upper = admittance(layer.modes, layer.top.inside)
     lower = admittance(layer.modes, layer.bottom.inside)
     mean, step = 0.5 * (upper + lower), 0.5 * (upper - lower)

@@ -45,7 +45,8 @@ class EffectEngine:
         wavelength_nm: [nm], shape (W,).
         factors: finite-bench factors of the samples, or ().
         readout: brightness and exposures; None plans them.
-        paths, seed: of the Monte Carlo's responses.
+        least_paths, seed: of the Monte Carlo's responses.
+        more_paths: of the effects whose response needs more, by name.
         folder: of the cache; None is the user's.
         threads: None takes all processors.
         say: told of what a person should know.
@@ -55,12 +56,14 @@ class EffectEngine:
     wavelength_nm: FloatArray
     factors: tuple[FiniteFactors, ...] = ()
     readout: Readout | None = None
-    paths: int = 8192
+    least_paths: int = 8192
     seed: int = 0
     folder: Path | None = None
     threads: int | None = None
     say: Callable[[str], None] = print
+    more_paths: dict[str, int] = field(default_factory=dict)
     _kept: dict[Any, tuple[FloatArray, FloatArray]] = field(default_factory=dict, repr=False)
+    _lattices: dict[int, Lattice] = field(default_factory=dict, repr=False)
     _plain_light: dict[bytes, FloatArray] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -68,13 +71,20 @@ class EffectEngine:
         """The plane-parallel engine with the nominal factors."""
         return FastLight(np.asarray(self.wavelength_nm, dtype=np.float64), self.factors)
 
-    @cached_property
-    def lattice(self) -> Lattice:
-        """The Monte Carlo's responses."""
+    def paths(self, candidate: Candidate) -> int:
+        """Light paths of the Monte Carlo's responses to an effect."""
+        return self.more_paths.get(candidate.name, self.least_paths)
+
+    def lattice_of(self, candidate: Candidate) -> Lattice:
+        """The Monte Carlo's responses to an effect."""
+        paths = self.paths(candidate)
+        if paths not in self._lattices:
+            self._lattices[paths] = self._new_lattice(paths)
+        return self._lattices[paths]
+
+    def _new_lattice(self, paths: int) -> Lattice:
         middle = float(self.wavelength_nm[len(self.wavelength_nm) // 2])
-        return Lattice(
-            self.plain, middle, self.paths, self.seed, self.folder, self.say, self.threads
-        )
+        return Lattice(self.plain, middle, paths, self.seed, self.folder, self.say, self.threads)
 
     @cached_property
     def plain(self) -> World:
@@ -239,7 +249,8 @@ class EffectEngine:
     ) -> tuple[FloatArray, FloatArray]:
         """Light beyond the plane-parallel engine at one value, and its error, (W, S, 3) each."""
         material = np.asarray(material, dtype=np.float64)
-        key = (candidate.name, parameter.name, value, material.tobytes())
+        paths = self.paths(candidate)
+        key = (candidate.name, parameter.name, value, paths, material.tobytes())
         if key not in self._kept:
             if len(self._kept) >= MOST_KEPT:
                 self._kept.clear()
@@ -256,9 +267,8 @@ class EffectEngine:
         needed = {
             node for nodes, weight in around for node, w in zip(nodes, weight, strict=True) if w
         }
-        tables = [
-            self.lattice.nodes(changed, number, needed) for number in range(len(plain.samples))
-        ]
+        lattice = self.lattice_of(candidate)
+        tables = [lattice.nodes(changed, number, needed) for number in range(len(plain.samples))]
         background = plain.bench.background
         rho = [
             reflectance(each.reflectance, self.wavelength_nm)

@@ -1,12 +1,15 @@
 """What the corrections of the described bench would report of a world, without noise.
 
-    light of the world (either engine) -> what happens to it before the detector -> counts by the
-    world's instrument -> dark, nonlinearity and stray light undone as described -> ratios
+    light of the world (either engine) -> what happens to it before the detector -> bands of the
+    pixels -> counts by the world's instrument -> dark, nonlinearity and stray light undone as
+    described -> ratios
 
 The formulas are those of `twin.instrument` and `twin.measurement`, on expected values.
 """
 
 from __future__ import annotations
+
+from functools import lru_cache
 
 import numpy as np
 
@@ -56,8 +59,8 @@ def expected_intensities(
         readout: brightness and exposures; None plans them.
 
     Returns:
-        Black, white and collimated, shape (W, S, 3). Where nothing happens after the light, and
-        the white is the described one, it is the light itself, exactly.
+        Black, white and collimated, shape (W, S, 3). Where nothing happens after the light, the
+        white is the described one, and pixels have no width, it is the light itself, exactly.
 
     Raises:
         InputError: shapes that do not fit, or light that no detector can read.
@@ -71,7 +74,7 @@ def expected_intensities(
             place="light",
         )
     if not after_light(world):
-        return given.copy()
+        return _banded(world, given, wavelength)
     plan = readout or Readout.plan(world.described_bench, world.described_samples, wavelength)
     rates = light_rates(world, given, wavelength, plan)
     for step in world.steps:
@@ -129,48 +132,79 @@ def _seen(
     *,
     of_sample: bool,
 ) -> FloatArray:
-    """Signal lit x relative, (S, W), where and as widely as the pixels really look.
-
-    The relative part follows a cubic spline and the lamp its own spectrum, which is known between
-    the wavelengths. A band that is wider by a variance v is the mean of two places at plus and
-    minus its root: exact to the second order, and the described width is in the light already.
-    """  # fmt: skip
+    """Signal lit x relative, (S, W), where and as widely as the pixels really look."""
     shift = world.shift_nm + (world.shift_after_reference_nm if of_sample else 0.0)
-    wider = np.zeros(wavelength.size)
-    if _wider(world):
-        true, said = (_variance(each.instrument) for each in (world.bench, world.described_bench))
-        pixels = np.asarray(world.bench.instrument.wavelength_nm)
-        wider = np.interp(wavelength, pixels, true - said)
-    if shift == 0.0 and not np.any(wider):
+    variance = _variance(world, wavelength)
+    if shift == 0.0 and not np.any(variance):
         return np.asarray(lit * relative)
-    if wavelength.size < FEWEST:
+    wider = world.bench.instrument.fwhm_nm != world.described_bench.instrument.fwhm_nm
+    if wavelength.size < FEWEST and (shift or wider):
         raise InputError(
             f"{wavelength.size} wavelengths", f"{FEWEST} or more to follow a shift or a width",
             place="wavelength_nm",
         )  # fmt: skip
+    looks = _looks(wavelength.tobytes(), source, shift, variance.tobytes())
+    return np.asarray(lit * (relative @ looks.T))
+
+
+def _banded(world: World, light: FloatArray, wavelength: FloatArray) -> FloatArray:
+    """Light (W, S, 3) as relative intensities where all is as described: by the pixels' width."""
+    bench = world.described_bench
+    variance = _variance(world, wavelength)
+    if not np.any(variance):
+        return light.copy()
+    rho = reflectance(bench.background.white.reflectance, wavelength)
+    found = np.empty_like(light)
+    for source, columns, white in (
+        (bench.panel_spectrum, [0, 1], rho), (bench.beam.spectrum, [2], np.ones_like(rho)),
+    ):  # fmt: skip
+        looks = _looks(wavelength.tobytes(), source, 0.0, variance.tobytes())
+        seen = np.einsum("vw,wsc->vsc", looks, light[..., columns])
+        found[..., columns] = (white / (looks @ white))[:, None, None] * seen
+    return found
+
+
+@lru_cache(maxsize=256)
+def _looks(wavelength_nm: bytes, source: Spectral, shift_nm: float, variance: bytes) -> FloatArray:
+    """What pixels see of lit x relative over the lamp's light at their labels, (W, W).
+
+    The relative part follows a cubic spline and the lamp its own spectrum, which is known between
+    the wavelengths. A Gaussian band of variance v is a mean of three places, exact to the fifth
+    order (Gauss-Hermite: Abramowitz and Stegun 1964, 25.4.46); below 0 it takes off as much.
+    """
+    wavelength, own = np.frombuffer(wavelength_nm), np.frombuffer(variance)
+    if wavelength.size < FEWEST:
+        return np.eye(wavelength.size)
     from scipy.interpolate import CubicSpline
 
-    spline = CubicSpline(wavelength, relative, axis=-1)
+    spline = CubicSpline(wavelength, np.eye(wavelength.size), axis=0)
     here = lamp(source, wavelength)
 
     def at(place: FloatArray) -> FloatArray:
-        return np.asarray(lit * lamp(source, place) / here * spline(place))
+        return np.asarray((lamp(source, place) / here)[:, None] * spline(place))
 
-    middle = at(wavelength + shift)
-    if not np.any(wider):
-        return middle
-    away = np.sqrt(np.abs(wider))
-    beside = 0.5 * (at(wavelength + shift - away) + at(wavelength + shift + away))
-    return np.asarray(middle + np.sign(wider) * (beside - middle))
-
-
-def _wider(world: World) -> bool:
-    pair = (world.bench.instrument, world.described_bench.instrument)
-    return pair[0].fwhm_nm != pair[1].fwhm_nm and all(each.has("bandwidth") for each in pair)
+    place, away = wavelength + shift_nm, np.sqrt(3.0 * np.abs(own))
+    found = at(place)
+    if np.any(own):
+        beside = 0.5 * (at(place - away) + at(place + away))
+        found = found + np.sign(own)[:, None] * (beside - found) / 3.0
+    found.flags.writeable = False
+    return found
 
 
-def _variance(instrument: Instrument) -> FloatArray:
-    return np.asarray((np.asarray(instrument.fwhm_nm) * SIGMA_OF_WIDTH) ** 2)
+def _variance(world: World, wavelength: FloatArray) -> FloatArray:
+    """Of the bands of a spectrometer's pixels at wavelengths [nm^2], (W,).
+
+    Of a chip what is beyond the described one: its bands are too wide and too far apart for a
+    spline between them, and what it is fitted with has them in it.
+    """
+    true, said = world.bench.instrument, world.described_bench.instrument
+    if not true.has("bandwidth"):
+        return np.zeros(wavelength.size)
+    own = (np.asarray(true.fwhm_nm) * SIGMA_OF_WIDTH) ** 2
+    if isinstance(true, MultispectralChip):
+        own = own - (np.asarray(said.fwhm_nm) * SIGMA_OF_WIDTH) ** 2
+    return np.asarray(np.interp(wavelength, np.asarray(true.wavelength_nm), own))
 
 
 def _ratios(world: World, rates: Rates, plan: Readout) -> FloatArray:

@@ -24,8 +24,8 @@ class FastLight:
     """Noiseless light of worlds near one bench, in milliseconds each.
 
     What an effect changes goes into the constants of the compiled program and not into its form,
-    so that nothing is compiled again, but for a number of covers or a second lobe of the phase
-    function that no world had before.
+    so that nothing is compiled again, but for a number of covers, a second lobe of the phase
+    function or layers inside the samples that no world had before.
 
     Attributes:
         wavelength_nm: [nm], shape (W,).
@@ -57,7 +57,7 @@ class FastLight:
                 for sample, stated in zip(view.samples, known, strict=True)
             )
             background = view.bench.background
-            model = self._model(view.bench, samples, world.second_lobe)
+            model = self._model(view.bench, samples, world)
             parameters = model.parameters(
                 *given.T,
                 thickness_mm=[sample.thickness_mm for sample in view.samples],
@@ -68,9 +68,7 @@ class FastLight:
             total = total + np.asarray(found) * np.array(view.weight)
         return np.asarray(total)
 
-    def _model(
-        self, bench: Bench, samples: tuple[Sample, ...], lobe: tuple[float, float]
-    ) -> CapturesModel:
+    def _model(self, bench: Bench, samples: tuple[Sample, ...], world: World) -> CapturesModel:
         """The model of a bench: reflectances and thicknesses are parameters and make no other."""
         from twin.adding_doubling import captures_model
 
@@ -78,12 +76,16 @@ class FastLight:
         grey = {"black": NOTHING, "white": NOTHING, "gap_mm": background.gap_mm}
         fields = {"background": background.model_copy(update=grey), "instrument": Spectrometer()}
         plain = bench.model_copy(update=fields)
-        key = (plain, samples, lobe)
+        lobe = world.second_lobe
+        layers = tuple((own.share, own.scattering, own.absorption) for own in world.sublayers)
+        key = (plain, samples, lobe, layers)
         if key not in self._models:
             if len(self._models) >= MOST_MODELS:
                 self._models.clear()
-            second = lobe if lobe[0] else None
-            self._models[key] = captures_model(plain, samples, self.wavelength_nm, second=second)
+            self._models[key] = captures_model(
+                plain, samples, self.wavelength_nm, second=lobe if lobe[0] else None,
+                sublayers=layers,
+            )  # fmt: skip
         return self._models[key]
 
 

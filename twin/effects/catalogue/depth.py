@@ -39,7 +39,7 @@ EFFECT = Effect(
             "contrast", "1", 0.0, 0.3, description="of the upper half against the mean", limit=0.95
         ),
     ),
-    engine="monte_carlo",
+    engine="plane",
     change=_change,
     instances=lambda world: ("scattering", "absorption"),
 )

@@ -20,10 +20,13 @@ Keys (medians over materials; RMSE of the 465 cells below the diagonal, and of t
   a set-up.
 - `de2000_ratio`: median over materials and wavelengths of CIEDE2000 under monochromatic light,
   ours over `gmm-adam`, median over set-ups.
-- `coverage90`: share of the 465 cells inside the 90 % intervals, all materials and set-ups;
-  `coverage90_diag`, and `coverage90_visible` for cells above 0.001. Apart, so that faults in
-  opposite directions cannot cancel: `coverage90_determined`, `coverage90_undetermined` (flagged)
-  and `coverage90_at_zero` (estimated as exactly 0), with `share_undetermined`, `share_at_zero`.
+- `coverage90`: share of the 465 cells inside the 90 % intervals (`FluorescenceResult.interval`),
+  all materials and set-ups; `coverage90_quantiles` between the 0.05 and 0.95 quantiles, which is
+  more where 0 is one of them; `coverage90_diag`. By the strength of the true cell:
+  `coverage90_strong` (above 0.01), `coverage90_visible` (above 0.001), `coverage90_weak` (up to
+  0.001, not 0). By the estimate, so that faults in opposite directions cannot cancel:
+  `coverage90_determined`, `coverage90_undetermined` (flagged) and `coverage90_at_zero` (estimated
+  as exactly 0), with `share_undetermined`, `share_at_zero`.
 - `chi_square_reported`: of the reported matrix per capture, full covariance: median over materials
   of the worst set-up, and the largest of all.
 - `seconds_per_material`: processor time of one estimate, warm, one at a time, the slowest set-up;
@@ -53,7 +56,7 @@ from twin.spectra import FloatArray
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "fluorescence"
 SETUPS = ("l1-s1", "l1-s2", "l2-s1", "l2-s2")
 GRID = np.arange(400.0, 701.0, 10.0)
-VISIBLE = 1e-3
+VISIBLE, STRONG = 1e-3, 1e-2
 CROSS_VALIDATED_ON = 6
 
 
@@ -139,8 +142,13 @@ def _compare(name: str, truths: Sequence[Any], bases: Any, quick: bool) -> dict[
         m: float(np.median(monochromatic_difference(matrices[m], truth, GRID)))
         for m in ("donaldson", "gmm-adam", "blasinski-cv")
     }
-    quantile = np.array([r.quantile for r in results["donaldson"]])
-    inside = (truth >= quantile[:, 0] - 1e-9) & (truth <= quantile[:, -1] + 1e-9)
+    inside, between = (
+        (truth >= edge[:, 0] - 1e-9) & (truth <= edge[:, -1] + 1e-9)
+        for edge in (
+            np.array([r.interval for r in results["donaldson"]]),
+            np.array([r.quantile for r in results["donaldson"]]),
+        )
+    )
     below = np.tril(np.ones(truth.shape[1:], dtype=bool), -1)
     low = np.broadcast_to(below, truth.shape)
     flagged = np.array([r.undetermined for r in results["donaldson"]]) & low
@@ -156,6 +164,9 @@ def _compare(name: str, truths: Sequence[Any], bases: Any, quick: bool) -> dict[
             float(inside[:, below].mean()),
             float(inside[:, below][truth[:, below] > VISIBLE].mean()),
             float(np.einsum("bii->bi", inside).mean()),
+            float(inside[:, below][truth[:, below] > STRONG].mean()),
+            float(inside[low & (truth > 0.0) & (truth <= VISIBLE)].mean()),
+            float(between[:, below].mean()),
         ],
         "groups": {
             name: [int(inside[where].sum()), int(where.sum())]
@@ -231,7 +242,9 @@ def _summary(found: dict[str, dict[str, Any]]) -> dict[str, Any]:
         "de2000_ratio": middle(colour), "de2000_ratio_by_setup": colour,
         "de2000": {name: each["colour"] for name, each in found.items()},
         "coverage90": float(coverage[0]), "coverage90_visible": float(coverage[1]),
-        "coverage90_diag": float(coverage[2]),
+        "coverage90_diag": float(coverage[2]), "coverage90_strong": float(coverage[3]),
+        "coverage90_weak": float(coverage[4]), "coverage90_quantiles": float(coverage[5]),
+        "coverage90_strong_by_setup": {name: each["coverage"][3] for name, each in found.items()},
         "coverage90_by_setup": {name: each["coverage"][0] for name, each in found.items()},
         **{
             f"coverage90_{kind}": float(counted[0] / counted[1]) if counted[1] else None

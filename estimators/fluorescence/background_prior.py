@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +102,17 @@ class Kernels:
         return tuple(found)
 
     def draws(self, count: int, seed: int) -> PriorDraws:
-        """Draws of everything a priori."""
+        """Draws of everything a priori; the last ones are kept for the next sample."""
+        if self._last.get("key") != (count, seed):
+            self._last.update(key=(count, seed), draws=self._drawn(count, seed))
+        kept: PriorDraws = self._last["draws"]
+        return kept
+
+    @cached_property
+    def _last(self) -> dict[str, Any]:
+        return {}
+
+    def _drawn(self, count: int, seed: int) -> PriorDraws:
         random = np.random.Generator(np.random.Philox(key=seed))
         cell, local, leak, diagonal = (
             random.standard_normal((count, len(root))) @ root.T for root in self._roots

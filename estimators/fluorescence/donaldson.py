@@ -14,6 +14,7 @@ from estimators.fluorescence.posterior_draws import (
     draws,
     hidden,
     means,
+    misshapen,
     remaining_variance,
     weights,
 )
@@ -24,9 +25,12 @@ from twin.errors import InputError
 from twin.fluorescence.system import FluorescenceData
 from twin.spectra import FloatArray
 
-HIDDEN, VEILED = 0.6, 0.2
+HIDDEN, VEILED = 0.6, 0.1
 """Amplitude, over `ALONE`, of fluorescence that may hide in undetermined and in all other cells;
 the captures take it away where they see it. From the coverage on generated matrices."""
+SMOOTHER = 0.7
+"""Roughness where there are products, over the one that the evidence chose without any: the edges
+of products count as roughness then. From error and coverage on generated matrices."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +106,8 @@ class DonaldsonEstimator:
         settings = self._settings
         captures = gather(data)
         reduced = reduce(captures, settings.background, settings.directions)
+        if settings.products:
+            reduced = reduced.but(roughness=SMOOTHER * reduced.roughness)
         model = Products(reduced.design, captures.cells, settings.shapes)
         fits = candidates(reduced, model, settings.amplitudes, settings.steps, settings.products)
         weight = weights(fits)
@@ -117,9 +123,13 @@ class DonaldsonEstimator:
         for index, one in enumerate(data):
             drawn = None
             if settings.draws:
+                estimate = matrix[index][captures.cells.below_diagonal]
+                unshown = widened
+                if settings.products:
+                    unshown = widened + misshapen(reduced, prior, index, estimate, remaining)
                 drawn = draws(
                     model, fits, weight, index, settings.draws, prior,
-                    settings.seed + 1, widened,
+                    settings.seed + 1, unshown,
                 )  # fmt: skip
             results.append(
                 self._result(one, captures, reduced, fits, weight, index, matrix, drawn, unseen)

@@ -111,9 +111,11 @@ def fit(reduced: Reduced, model: Products, amplitude: float, start: FloatArray, 
 
 def _whitening(reduced: Reduced, amplitude: float) -> tuple[FloatArray, FloatArray]:
     """Inverse lower factors (B, m, m) and log determinants (B,) of the covariance."""
+    from scipy.linalg.lapack import dtrtri
+
     factor = np.linalg.cholesky(reduced.covariance(amplitude))
     log_determinant = 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
-    return np.linalg.inv(factor), log_determinant
+    return np.array([dtrtri(each, lower=1)[0] for each in factor]), log_determinant
 
 
 def _evaluate(

@@ -18,7 +18,7 @@ from estimators.fluorescence.mixture_posterior import (
 )
 from estimators.fluorescence.nonnegative import back_on_captures
 from estimators.fluorescence.result import LEVELS, FluorescenceResult, FluorescenceStatus
-from estimators.posterior_sampler import Student, sample
+from estimators.posterior_sampler import Chain, Student, sample
 from twin.errors import InputError
 from twin.fluorescence.mixture import Gaussian, MixtureModel
 from twin.fluorescence.system import FluorescenceData
@@ -119,10 +119,11 @@ class FluorescencePosteriorEstimator:
             - captures.value[0]
         )
         sigma = np.sqrt(np.diagonal(captures.covariance[0]))
-        status = rough.status
+        status, messages = rough.status, rough.messages
         length = len(chain.values) / max(chain.autocorrelation_time, 1.0)
         if chain.effective_sample_size < settings.effective_samples or length < LONG_ENOUGH:
             status = FluorescenceStatus.NOT_CONVERGED
+            messages = (*messages, _how_short(settings, chain, length))
         return FluorescenceResult(
             estimator=self.name, sample=data.sample, emission_nm=rough.emission_nm,
             excitation_nm=rough.excitation_nm, matrix=matrix,
@@ -130,7 +131,7 @@ class FluorescencePosteriorEstimator:
             quantile=np.quantile(drawn, LEVELS, axis=0), undetermined=rough.undetermined,
             status=status, residual=captures.full(residual),
             residual_normalised=captures.full(residual / sigma), settings=asdict(settings),
-            fingerprint=fingerprint(data, self.name, asdict(settings)), messages=rough.messages,
+            fingerprint=fingerprint(data, self.name, asdict(settings)), messages=messages,
             statistics={
                 "autocorrelation_time": chain.autocorrelation_time,
                 "effective_sample_size": chain.effective_sample_size,
@@ -140,6 +141,26 @@ class FluorescencePosteriorEstimator:
             draws=drawn, mixture=_mean_mixture(data, captures.cells.diagonal_nm, natural, moment),
             mixture_draws=natural, moment_draws=moment,
         )  # fmt: skip
+
+
+def _how_short(settings: FluorescencePosteriorSettings, chain: Chain, length: float) -> str:
+    """What a chain that did not converge lacks, and what helps."""
+    return (
+        f"the chain of {len(chain.values)} steps is {length:.1f} autocorrelation times long"
+        f" (wanted: {LONG_ENOUGH:g}) and worth {chain.effective_sample_size:.0f} independent draws"
+        f" (wanted: {settings.effective_samples}): its intervals are rough. Allow about"
+        f" {_enough(settings, chain, length):.0f} steps, take fewer Gaussians than"
+        f" {settings.gaussians}, or the intervals of `donaldson`"
+    )
+
+
+def _enough(settings: FluorescencePosteriorSettings, chain: Chain, length: float) -> float:
+    """Steps that would do if the autocorrelation time stayed, rounded up to two digits."""
+    size = max(chain.effective_sample_size, 1e-3)
+    more = max(LONG_ENOUGH / max(length, 1e-3), settings.effective_samples / size)
+    steps = more * len(chain.values)
+    unit = 10.0 ** (np.floor(np.log10(steps)) - 1.0)
+    return float(np.ceil(steps / unit) * unit)
 
 
 def _best_mode(

@@ -20,6 +20,11 @@ WIDER = 0.5
 """How much wider than normal the products' draws are, per posterior standard deviation [prior
 standard deviations]: where captures say little, the normal approximation at a mode misses most.
 From the coverage of strong cells on generated matrices."""
+MISSHAPEN, MISSHAPEN_UNSEEN = 0.2, 1.5
+"""Standard deviation of a cell, over its estimate, by which a fluorophore may have another shape
+than any product of the prior: where captures leave nothing of a smooth prior, and what comes on top
+per square root of the share of its variance that they leave. From the coverage of strong cells
+under few illuminants, on generated matrices."""
 NEGLIGIBLE = 0.01
 """Posterior probability below which a candidate is left out."""
 
@@ -153,3 +158,26 @@ def hidden(reduced: Reduced, prior: PriorDraws, scale: FloatArray) -> FloatArray
     size = draw.shape[1]
     left = draw - told @ reduced.gain(ALONE, 0)[:, :size]
     return scale * left
+
+
+def misshapen(
+    reduced: Reduced, prior: PriorDraws, sample: int, cells: FloatArray, remaining: FloatArray
+) -> FloatArray:
+    """Draws (N, C) of what fluorophores of another shape than the estimate's add to it.
+
+    A Gaussian process in proportion to the estimate, less what the captures would have told of it
+    (Matheron's rule).
+
+    Args:
+        reduced: the captures.
+        prior: N draws; their order is turned round, because `draws` uses them too.
+        sample: which of the B samples.
+        cells: the estimate, (C,).
+        remaining: as `remaining_variance`, (C,).
+    """
+    scale = (MISSHAPEN + MISSHAPEN_UNSEEN * np.sqrt(remaining)) * cells
+    draw = scale * prior.local[::-1]
+    gain = ((reduced.cell_design * scale) @ reduced.kernels.local) * scale
+    covariance = gain @ reduced.cell_design.T + reduced.covariance(0.0, sample)
+    told = np.linalg.solve(covariance, (draw @ reduced.cell_design.T).T).T
+    return np.asarray(draw - told @ gain)

@@ -129,10 +129,7 @@ class Products:
         du = np.zeros((len(t), out.size, self.size))
         dv = np.zeros((len(t), into.size, self.size))
         if derivatives:
-            gu, gv = (
-                np.stack([(log_peak(grid, shape + h * e) - value) / h for h, e in _shifts()], -1)
-                for grid, shape, value in ((out, emission, u), (into, excitation, v))
-            )
+            gu, gv = _slopes(out, emission, u), _slopes(into, excitation, v)
             du[:, :, 0] = scale[0]
             du[:, :, 1:4] = gu * scale[1:4]
             du[:, :, 7 : 7 + terms] = base_u
@@ -177,5 +174,8 @@ class Products:
         return np.asarray(matrix[:, self.cells.below_diagonal])
 
 
-def _shifts() -> list[tuple[float, FloatArray]]:
-    return [(h, row) for h, row in zip(_STEPS, np.eye(3), strict=True)]
+def _slopes(wavelength: FloatArray, shape: FloatArray, value: FloatArray) -> FloatArray:
+    """Derivatives of `log_peak`, whose values (N, W) are known, by its shape, (N, W, 3)."""
+    shifted = (shape[:, None, :] + np.diag(_STEPS)).reshape(-1, 3)
+    moved = log_peak(wavelength, shifted).reshape(len(shape), 3, -1)
+    return np.asarray(((moved - value[:, None, :]) / np.array(_STEPS)[:, None]).transpose(0, 2, 1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
@@ -122,6 +123,20 @@ class FluorescenceResult:
     def is_fluorescence(self) -> BoolArray:
         """Which cells can hold fluorescence (emission longer than excitation), (Wo, Wi)."""
         return np.asarray(self.emission_nm[:, None] > self.excitation_nm + 1e-6)
+
+    @cached_property
+    def interval(self) -> FloatArray:
+        """The 90 % interval of every cell, (2, Wo, Wi): lower, upper.
+
+        Between the 0.05 and 0.95 quantiles, but where one of them lies at a bound that a matrix
+        has (a cell of 0, a reflectance of 1) from that bound on: a tenth of the draws lies
+        outside either way. Without draws the outermost stored quantiles.
+        """
+        if self.draws is None:
+            return np.asarray(self.quantile[[0, -1]])
+        low, ten, ninety, high = np.quantile(self.draws, (0.05, 0.1, 0.9, 0.95), axis=0)
+        zero, one = low <= 0.0, self.is_diagonal & (high >= 1.0)
+        return np.stack([np.where(one & ~zero, ten, low), np.where(zero & ~one, ninety, high)])
 
     @property
     def reflectance(self) -> FloatArray:

@@ -145,7 +145,7 @@ def _run(
         results = estimator.estimate_batch(data)
         matrix[name] = np.array([each.matrix for each in results])
         if name == METHODS[-1]:
-            band = np.array([each.quantile[[0, -1]] for each in results]).swapaxes(0, 1)
+            band = np.array([each.interval for each in results]).swapaxes(0, 1)
     weights = {name: float(getattr(tuned, name)) for name in ("alpha", "beta", "gamma", "eta")}
     truth = np.array([each.matrix for each in matrices])
     return Run(setup, kind, truth, matrix, band, weights)

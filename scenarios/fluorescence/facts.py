@@ -131,7 +131,7 @@ def errors_of(result: FluorescenceResult, truth: DonaldsonMatrix) -> dict[str, f
     below = result.is_fluorescence
     difference = result.matrix - right
     colours = monochromatic_difference(result.matrix, right, result.emission_nm)
-    low, high = result.quantile[0], result.quantile[-1]
+    low, high = result.interval
     inside = (right >= low - 1e-9) & (right <= high + 1e-9)
     known = bool(np.isfinite(low).all())
     return {

@@ -38,7 +38,7 @@ def draw_matrices(result: FluorescenceResult, truth: FloatArray | None) -> str:
         truth: the true matrix on the estimate's wavelengths, (Wo, Wi), or None.
     """
     emission, excitation, below = result.emission_nm, result.excitation_nm, result.is_fluorescence
-    width = result.quantile[-1] - result.quantile[0]
+    width = result.interval[1] - result.interval[0]
     known = bool(np.isfinite(width).all())
     top = max(float(result.matrix[below].max()), 1e-6)
     if truth is not None:

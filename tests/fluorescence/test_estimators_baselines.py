@@ -190,3 +190,4 @@ def test_posterior_of_one_gaussian() -> None:
         "fluorescence-posterior", gaussians=1, steps=20, effective_samples=1000, draws=10
     ).estimate(data(truth, bench))
     assert short.status == FluorescenceStatus.NOT_CONVERGED
+    assert any("autocorrelation times" in m and "`donaldson`" in m for m in short.messages)

@@ -82,6 +82,46 @@ def test_undetermined_cells_keep_zero_and_are_wide() -> None:
         assert inside[hidden].mean() > 0.8
 
 
+def test_interval_is_ninety_percent_also_where_it_begins_at_a_bound() -> None:
+    """A tenth of the draws is outside; between the quantiles, the control, only a twentieth."""
+    result = DonaldsonEstimator().estimate(data(material(3), system("chip"), 3))
+    assert result.draws is not None
+    low, high = result.interval
+    outside = ((result.draws < low - 1e-12) | (result.draws > high + 1e-12)).mean(axis=0)
+    at_zero = BELOW & (result.quantile[0] <= 0.0) & (np.mean(result.draws > 0.0, axis=0) > 0.15)
+    assert at_zero.sum() > 50
+    assert np.all(low[at_zero] == 0.0)
+    assert np.abs(outside[at_zero] - 0.1).max() < 0.011
+    assert np.abs(outside[BELOW & (result.quantile[0] > 0.0)] - 0.1).max() < 0.011
+    beyond = (result.draws > result.quantile[-1] + 1e-12).mean(axis=0)
+    assert beyond[at_zero].max() < 0.06
+    quick = DonaldsonQuickEstimator().estimate(data(material(3), system(), 3))
+    assert np.array_equal(quick.interval, quick.quantile[[0, -1]])
+
+
+def test_strong_cells_are_covered_with_few_lights() -> None:
+    """Four of eight lights, none violet; without what may be misshapen, the control, less."""
+    from estimators.fluorescence import donaldson
+
+    full = system()
+    few = FluorescenceSystem(full.illuminants[[1, 3, 4, 6]], full.sensitivities)
+    given = [data(material(seed), few, seed) for seed in range(10)]
+    truth = np.array([material(seed) for seed in range(10)])
+    shares = []
+    kept = donaldson.misshapen
+    for bent in (kept, lambda reduced, prior, *rest: np.zeros_like(prior.local)):
+        donaldson.misshapen = bent  # type: ignore[assignment]
+        try:
+            results = DonaldsonEstimator().estimate_batch(given)
+        finally:
+            donaldson.misshapen = kept
+        interval = np.array([r.interval for r in results])
+        inside = (truth >= interval[:, 0] - 1e-9) & (truth <= interval[:, 1] + 1e-9)
+        shares.append(inside[BELOW & (truth > 0.01)].mean())
+    assert shares[0] > 0.85
+    assert shares[1] < shares[0] - 0.02
+
+
 def test_quick_is_the_linear_estimate_about() -> None:
     bench = system()
     given = [data(material(seed), bench, seed) for seed in range(8)]

@@ -32,8 +32,10 @@ def corrected(visit: FluorescenceVisit) -> FluorescenceData:
     variance = found.sample_variance / known.scale**2
     fluorescent, ratio = _parts(found, known, value)
     if known.resolved:
-        # value - model: the model reflects the measured white, so the white's noise comes in.
-        variance = variance + (ratio / known.scale) ** 2 * found.white_variance
+        # value - model: the model reflects the measured white, so the white's noise comes in; the
+        # dark that both had taken off cancels as far as the sample reflects like the white.
+        white = ratio**2 * found.white_variance - 2.0 * ratio * found.dark_variance
+        variance = variance + white / known.scale**2
     safe = np.where(found.valid, value, 0.0)
     modes: list[FloatArray] = []
     labels: list[str] = []

@@ -34,6 +34,8 @@ class Signals:
         white_variance: its variance without the lamp's drift.
         sample: mean of the sample's shots.
         sample_variance: likewise.
+        dark_variance: the part of both that is one and the same error, because white and sample
+            had the same dark taken off; 0 where they had not.
         valid: neither saturated nor dead, in white and sample, (J, K).
         drift: relative errors that the lamps' drift causes in sample and white, as independent
             modes of one standard deviation each, shape (C, 2, J, K) in the order sample, white.
@@ -44,6 +46,7 @@ class Signals:
     white_variance: FloatArray
     sample: FloatArray
     sample_variance: FloatArray
+    dark_variance: FloatArray
     valid: BoolArray
     drift: FloatArray
     reasons: tuple[str, ...]
@@ -60,6 +63,7 @@ def signals(visit: FluorescenceVisit) -> Signals:
     by_repeats = visit.provenance.noise == "repeats"
     result: dict[str, list[FloatArray]] = {"white": [], "sample": []}
     spread: dict[str, list[FloatArray]] = {"white": [], "sample": []}
+    shared: list[FloatArray] = []
     valid = np.ones((len(setup.lights), len(setup.channel_names)), dtype=bool)
     chosen: dict[str, list[list[int]]] = {"white": [], "sample": []}
     for row, light in enumerate(setup.lights):
@@ -83,10 +87,13 @@ def signals(visit: FluorescenceVisit) -> Signals:
                         f" {kind} under {light.name!r} {why}"
                     )
             valid[row] &= ~(saturated | dead)
-            value, variance = _mean(visit, shots, by_repeats)
+            value, variance, dark_variance = _mean(visit, shots, by_repeats)
             result[kind].append(value)
             spread[kind].append(variance)
             chosen[kind].append(shots)
+        first = [visit.shots[chosen[kind][row][0]] for kind in ("white", "sample")]
+        one_dark = len({(shot.integration_s, shot.gain) for shot in first}) == 1
+        shared.append(dark_variance * one_dark)
     if not valid.any():
         raise InputError("no channel that is neither saturated nor dead", "one or more")
     return Signals(
@@ -94,6 +101,7 @@ def signals(visit: FluorescenceVisit) -> Signals:
         white_variance=np.where(valid, spread["white"], np.nan),
         sample=np.where(valid, result["sample"], np.nan),
         sample_variance=np.where(valid, spread["sample"], np.nan),
+        dark_variance=np.where(valid, shared, np.nan),
         valid=valid, drift=_scatter(visit, chosen) if by_repeats else _drift(visit, chosen),
         reasons=tuple(reasons),
     )  # fmt: skip
@@ -101,8 +109,8 @@ def signals(visit: FluorescenceVisit) -> Signals:
 
 def _mean(
     visit: FluorescenceVisit, shots: list[int], by_repeats: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Mean signal [electrons/s] of some shots and its variance, shape (K,) each."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean signal [electrons/s] of some shots, its variance, the dark's part in that, (K,) each."""
     values, variances = [], []
     for index in shots:
         shot = visit.shots[index]
@@ -129,11 +137,11 @@ def _mean(
         scatter = np.var(steady, axis=0, ddof=1)
         level = np.maximum(np.abs(mean), 1e-3 * np.nanmax(np.abs(mean)))
         pooled = np.nanmean(scatter / level) * level
-        return np.asarray(mean), np.asarray(pooled / len(values))
+        return np.asarray(mean), np.asarray(pooled / len(values)), np.zeros(mean.shape)
     # All shots share one dark: its noise does not average away.
     shared = dark_variance * (slope / shot.integration_s) ** 2
     own = np.mean(variances, axis=0) - shared
-    return np.asarray(mean), np.asarray(own / len(values) + shared)
+    return np.asarray(mean), np.asarray(own / len(values) + shared), np.asarray(shared)
 
 
 def _dark(

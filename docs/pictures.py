@@ -63,7 +63,7 @@ PICTURES = {
     ),
     "tutorial_design.png": Picture(
         ("benchtwin design resin.toml --no-simulate --out study",),
-        "study/report.html", (1000, 1100),
+        "study/report.html", (1000, 1340),
         ("tutorial_design.md: resin.toml",),
     ),
     "fluorescence.png": Picture(

@@ -61,6 +61,7 @@ def design_file(
         return {"folder": str(folder), "report": str(folder / REPORT), **facts}
     answer = {
         "verdict": facts["verdict"],
+        "meets targets in simulation": facts["meets_targets_in_simulation"],
         "candidates looked at": facts["search"]["candidates"],
         "price usd": facts["answer"]["price_usd"],
         "figures": facts["answer"]["figures"],

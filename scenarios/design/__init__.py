@@ -12,7 +12,8 @@ from scenarios.design.predictor import Predictor, TranslucentPredictor
 from scenarios.design.robust import Robustness, robustness
 from scenarios.design.search import Found, search
 from scenarios.design.study import Study, study
-from scenarios.design.verify import Verified, verify
+from scenarios.design.verified import Verified
+from scenarios.design.verify import verify
 
 __all__ = [
     "Assembly",

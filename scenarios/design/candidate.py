@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -19,16 +20,17 @@ from twin.spectra import FloatArray
 from twin.toml import validate
 
 if TYPE_CHECKING:
-    from scenarios.design.goal import Goal, Medium
-    from scenarios.scenario import Scenario
+    from scenarios.design.goal import Goal
+    from scenarios.design.media import Medium
+    from scenarios.scenario import Scenario, WavelengthGrid
 
 NEEDED = {
     False: ("illuminant", "panels", "beam", "white", "black", "detector", "stage", "preparation"),
     True: ("illuminant", "detector"),
 }
 """Kinds of which a bench for translucent (False) or fluorescent (True) materials has one each."""
-CHIP_RANGE_NM = 20.0
-"""Step [nm] of the light transport for a chip."""
+CHIP_STEP_NM = 20.0
+"""Longest step [nm] of the light transport for a chip."""
 
 
 @dataclass(frozen=True)
@@ -145,15 +147,13 @@ class Candidate:
 
         grid = goal.wavelength
         bench = self.bench(parts, grid.wavelength_nm.tolist())
-        light = grid.model_dump()
         if isinstance(bench.instrument, MultispectralChip):
-            low, high = bench.instrument.range_nm
-            light = {"start_nm": low, "stop_nm": high, "step_nm": CHIP_RANGE_NM}
+            grid = chip_grid(bench.instrument)
         data = {
             "title": f"Design {self.id(parts)}: {medium.name}"[:200],
             "bench": bench,
             "samples": self.samples(medium),
-            "wavelength": light,
+            "wavelength": grid.model_dump(),
             "protocol": {"repeats": self.repeats, "reference_repeats": self.repeats},
             "estimator": {"name": "least-squares"},
         }
@@ -161,7 +161,7 @@ class Candidate:
 
     def toml(self, parts: Parts, goal: Goal) -> str:
         """A scenario file that says it again, its parts and prices as comments."""
-        from twin.measurement.written import _toml
+        from twin.measurement.written import toml_text
 
         scenario = self.scenario(parts, goal, goal.media[0])
         table = scenario.model_dump(mode="json", exclude_none=True)
@@ -169,7 +169,16 @@ class Candidate:
         said = [f"# {part.title}: {part.price:g} USD ({part.price_source})"
                 for part in self.chosen(parts)]  # fmt: skip
         head = [f"# Design {self.id(parts)}: {self.price(parts):g} USD", *said]
-        return "\n".join(head) + "\n" + _toml(table)
+        return "\n".join(head) + "\n" + toml_text(table)
+
+
+def chip_grid(chip: MultispectralChip) -> WavelengthGrid:
+    """Wavelengths at which the light of a chip is computed: all over what it sees."""
+    from scenarios.scenario import WavelengthGrid
+
+    low, high = chip.range_nm
+    steps = math.ceil((high - low) / CHIP_STEP_NM)
+    return WavelengthGrid(start_nm=low, stop_nm=high, step_nm=(high - low) / steps)
 
 
 def judged_nm(bench: Bench, low_nm: float, high_nm: float) -> FloatArray:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenarios.design.fisher import Predicted
-from scenarios.design.goal import Medium
+from scenarios.design.media import Medium
 from scenarios.design.optics import MATERIAL, solved
 from twin.bench import Bench
 from twin.spectra import FloatArray
@@ -75,14 +75,20 @@ class Slabs:
             between.append(float(colour.delta_E(here, there, method="CIE 2000")))
         return cls(np.array(slopes), np.array(metrics), np.array(between))
 
-    def parts(self, found: Predicted) -> tuple[FloatArray, FloatArray]:
-        """Root mean square CIEDE2000 (N, M), and the mean square by every mode (N, M, Q)."""
+    def parts(self, found: Predicted) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Root mean square CIEDE2000 (N, M).
+
+        And its square by every mode (N, M, Q) and by the bias of the estimate (N, M).
+        """
         by_mode = np.einsum("mwlp,nmwpq->nmlq", self.by_material, found.gain)
         modes = np.einsum("nmlq,mlk,nmkq->nmq", by_mode, self.metric, by_mode)
         noise = found.covariance - np.einsum("nmwpq,nmwrq->nmwpr", found.gain, found.gain)
         lab = np.einsum("mwlp,nmwpr,mwkr->nmlk", self.by_material, noise, self.by_material)
         independent = np.maximum(np.einsum("nmlk,mlk->nm", lab, self.metric), 0.0)
-        return np.sqrt(independent + modes.sum(axis=-1) + self.between**2), modes
+        moved = np.einsum("mwlp,nmwp->nml", self.by_material, found.bias)
+        bias = np.einsum("nml,mlk,nmk->nm", moved, self.metric, moved)
+        total = independent + modes.sum(axis=-1) + bias + self.between**2
+        return np.sqrt(total), modes, bias
 
     def de2000(self, found: Predicted) -> FloatArray:
         """Root mean square CIEDE2000, (N, M)."""

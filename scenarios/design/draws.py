@@ -13,10 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios.design.goal import Medium
-from scenarios.design.modes import _parameter, is_private
-from scenarios.design.optics import ROWS, _program
-from twin.bench import Background, Bench, Sample
+from scenarios.design.media import Medium
+from scenarios.design.modes import effect_parameter, is_private
+from scenarios.design.optics import intensities, solved
+from scenarios.design.parts import INPUTS
+from twin.bench import Bench, Sample
 from twin.cache import cache_folder, content_key, load_arrays, store_arrays
 from twin.effects import FastLight, World
 from twin.materials import reflectance
@@ -24,6 +25,8 @@ from twin.spectra import FloatArray
 from twin.transport import NoiselessCaptures
 
 NAMES = ("black", "white", "collimated")
+KEPT = (*NAMES, "black_se", "white_se", "collimated_se", "rho_black", "rho_white")
+"""Arrays of traced light that are kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,21 +79,17 @@ def world_of(bench: Bench, samples: Sequence[Sample], errors: Errors) -> World:
     """The world with the effects of one draw; an effect of one sign takes the size of its draw."""
     world = World.nominal(bench, samples)
     for name, value in errors.shared.items():
-        if not _is_input(name):
+        if name not in INPUTS:
             world = _applied(world, name, value)
     for name, values in errors.own.items():
-        if not _is_input(name):
+        if name not in INPUTS:
             for key, value in zip(world.sample_keys, values, strict=True):
                 world = _applied(world, f"{name.partition('.')[0]}[{key}]", float(value))
     return world
 
 
-def _is_input(name: str) -> bool:
-    return name in ("thickness_mm", "n") or name.endswith("_relative")
-
-
 def _applied(world: World, name: str, value: float) -> World:
-    own, parameter = _parameter(name)
+    own, parameter = effect_parameter(name)
     size = value if parameter.sign == "any" else abs(value)
     size = -size if parameter.sign == "negative" else size
     return own.apply(world, {parameter.name: parameter.nominal + size})
@@ -139,33 +138,19 @@ def _fast(world: World, number: int, medium: Medium, wavelength_nm: FloatArray) 
 
 
 def _captures(
-    bench: Bench, sample: Sample, shift_mm: float, medium: Medium, wavelength_nm: FloatArray,
-    n: float, rho: tuple[float, ...],
+    bench: Bench, sample: Sample, more_mm: float, medium: Medium, wavelength_nm: FloatArray,
+    more_n: float, rho: tuple[float, ...],
 ) -> FloatArray:  # fmt: skip
-    from twin.adding_doubling import captures_model
-
-    none = Background(reflectance=0.0)
-    plain = bench.background.model_copy(update={"black": none, "white": none})
-    dark = bench.model_copy(update={"background": plain})
-    rows = []
-    for start in range(0, len(wavelength_nm), ROWS):
-        own = wavelength_nm[start : start + ROWS]
-        padded = np.concatenate([own, np.full(ROWS - len(own), own[-1])])
-        model = captures_model(dark, [sample.model_copy(update={"material": None})], padded)
-        parameters = model.parameters(
-            *medium.at(padded).T,
-            n=np.maximum(np.asarray(model.nominal.n) + n, 1.0),
-            thickness_mm=[max(sample.thickness_mm + shift_mm, 1e-3)],
-        )
-        value = np.asarray(_program()(parameters, model.constants, model.form)[0])
-        rows.append(value[: len(own), 0])
-    direct, once, returned, unscattered, scattered = np.concatenate(rows).T
-    background = bench.background
-    found = []
-    for each, change in zip((background.black, background.white), rho, strict=True):
-        value = np.maximum(reflectance(each.reflectance, wavelength_nm) * (1.0 + change), 0.0)
-        found.append(direct + value * once / (1.0 - value * returned))
-    return np.stack([*found, unscattered + scattered], axis=-1)
+    """Light (W, 3) of a sample and backgrounds that are off by so much; `rho` relative."""
+    parts, _ = solved(
+        bench, medium, sample.thickness_mm, wavelength_nm, more_mm=more_mm, more_n=more_n
+    )
+    both = (bench.background.black, bench.background.white)
+    seen = [
+        np.maximum(reflectance(each.reflectance, wavelength_nm) * (1.0 + change), 0.0)
+        for each, change in zip(both, rho, strict=True)
+    ]
+    return intensities(parts, seen)
 
 
 def traced(
@@ -184,30 +169,17 @@ def traced(
         }
     )  # fmt: skip
     path = Path(cache_folder("design")) / f"{key}.light"
-    fields = ("black", "white", "collimated", "black_se", "white_se", "collimated_se",
-              "rho_black", "rho_white")  # fmt: skip
     stored = load_arrays(path, lambda text: None)
-    if stored is None:
-        own = int(key[:15], 16)
-        found = captures(bench, sample, wavelength_nm, paths=paths, seed=own, threads=threads)
-        store_arrays(
-            path,
-            {f: getattr(found, f) for f in fields}
-            | {"factor": np.array(found.white_reference_factor)},
+    if stored is not None:
+        factor = float(stored.pop("factor"))
+        return NoiselessCaptures(
+            wavelength_nm=wavelength_nm, white_reference_factor=factor, **stored
         )
-        return found
-    return NoiselessCaptures(
-        wavelength_nm=wavelength_nm,
-        black=stored["black"],
-        white=stored["white"],
-        collimated=stored["collimated"],
-        black_se=stored["black_se"],
-        white_se=stored["white_se"],
-        collimated_se=stored["collimated_se"],
-        rho_black=stored["rho_black"],
-        rho_white=stored["rho_white"],
-        white_reference_factor=float(stored["factor"]),
-    )
+    own = int(key[:15], 16)
+    found = captures(bench, sample, wavelength_nm, paths=paths, seed=own, threads=threads)
+    arrays = {name: getattr(found, name) for name in KEPT}
+    store_arrays(path, arrays | {"factor": np.array(found.white_reference_factor)})
+    return found
 
 
 def scaled(light: NoiselessCaptures, ratio: FloatArray) -> NoiselessCaptures:

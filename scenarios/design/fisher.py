@@ -36,6 +36,8 @@ class Information:
         common, private: names of the modes.
         material: albedo, sigma_t [1/mm] and g, (M, W, 3).
         thickness_mm: of the samples [mm], (K,).
+        shift: by how much the material around which the captures are linear, and which an estimate
+            finds, is off, (M, W, 3).
     """
 
     matrix: FloatArray
@@ -43,11 +45,12 @@ class Information:
     private: tuple[str, ...]
     material: FloatArray
     thickness_mm: FloatArray
+    shift: FloatArray
 
     @classmethod
     def of(
         cls, light: Light, noise: FloatArray, modes: Modes, material: FloatArray,
-        thickness_mm: FloatArray,
+        thickness_mm: FloatArray, shift: FloatArray | None = None,
     ) -> Information:  # fmt: skip
         """Information of every sample by itself.
 
@@ -57,16 +60,18 @@ class Information:
             modes: of the imperfections.
             material: albedo, sigma_t and g, (M, W, 3).
             thickness_mm: [mm], (K,).
+            shift: of the material around which the captures are linear, (M, W, 3); None: none.
         """
         place = np.arange(3)
         whole = noise.copy()
         whole[..., place, place] += (ENGINE_ERROR * light.value) ** 2 + 1e-18
         columns = np.concatenate([light.slope[..., :MATERIAL], modes.array], axis=-1)
         scale = np.sqrt(whole[..., place, place])
-        whole = whole / (scale[..., :, None] * scale[..., None, :])
+        whole /= scale[..., :, None] * scale[..., None, :]
         lean = np.linalg.solve(np.linalg.cholesky(whole), columns / scale[..., None])
         matrix = np.einsum("...ci,...cj->...ij", lean, lean)
-        return cls(matrix, modes.common, modes.private, material, np.asarray(thickness_mm))
+        moved = np.zeros_like(material) if shift is None else shift
+        return cls(matrix, modes.common, modes.private, material, np.asarray(thickness_mm), moved)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,11 +83,18 @@ class Predicted:
         gain: how one standard deviation of every mode moves the estimate, (N, M, W, 3, Q);
             the private modes of sample s are columns of their own.
         modes: names of these columns; those of samples with their number.
+        bias: of the estimate, by the width of bands, (N, M, W, 3).
     """
 
     covariance: FloatArray
     gain: FloatArray
     modes: tuple[str, ...]
+    bias: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """Expected error of albedo, sigma_t and g: `standard` and `bias` together, (N, M, W, 3)."""
+        return np.hypot(self.standard, self.bias)
 
     @property
     def standard(self) -> FloatArray:
@@ -115,7 +127,7 @@ def predicted(
             rows = np.concatenate([head, tail])
             part = own.matrix[:, k] * factor[:, None] * factor
             total[number][:, :, rows[:, None], rows] += part
-    wide = _widths(information, samples)
+    wide = prior_widths(information, samples)
     # in units of the prior the matrix is well conditioned
     widths = np.concatenate([wide, np.ones((*wide.shape[:-1], size - MATERIAL))], axis=-1)
     total *= widths[..., :, None] * widths[..., None, :]
@@ -126,11 +138,14 @@ def predicted(
     # estimate minus truth when mode q is one standard deviation: minus the cross-covariance,
     # as the estimate of q itself falls short by what its prior of 1 weighs
     gain = -inverse[..., :MATERIAL, MATERIAL:]
+    bias = np.array([own.shift for own in information])
     names = [*first.common, *(f"{p} #{s + 1}" for s in range(count) for p in first.private)]
-    return Predicted(covariance, gain, tuple(names))
+    return Predicted(covariance, gain, tuple(names), bias)
 
 
-def _widths(information: Sequence[Information], samples: Sequence[Sequence[int]]) -> FloatArray:
+def prior_widths(
+    information: Sequence[Information], samples: Sequence[Sequence[int]]
+) -> FloatArray:
     """Standard deviations of the prior, (N, M, W, 3): those of `estimators.least_squares`."""
     rows = []
     for own, chosen in zip(information, samples, strict=True):
@@ -139,34 +154,3 @@ def _widths(information: Sequence[Information], samples: Sequence[Sequence[int]]
         flat = np.full_like(sigma_t, UNIFORM**-0.5)
         rows.append(np.stack([flat, 4.0 * (sigma_t + 1.0 / thickest), G_RANGE * flat], axis=-1))
     return np.array(rows)
-
-
-def propagated(
-    information: Information, samples: Sequence[int], scale: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Variance by least squares that weighs with the noise alone, and how modes move it.
-
-    That is what `estimators.uncertainty_budget` states of a visit (JCGM 100:2008, eq. 13).
-
-    Args:
-        information: of the samples.
-        samples: which of them.
-        scale: tolerances, (Q + P,).
-
-    Returns:
-        Covariance by noise (M, W, 3, 3), and the change of the estimate by one standard deviation
-        of every mode (M, W, 3, Q + S P).
-    """
-    common = len(information.common)
-    block = information.matrix[:, list(samples)]
-    joint = block.sum(axis=1)
-    wide = _widths([information], [samples])[0]
-    units = wide[..., :, None] * wide[..., None, :]
-    own = joint[..., :MATERIAL, :MATERIAL] * units + np.eye(MATERIAL)
-    covariance = np.linalg.inv(own) * units
-    moved = covariance @ (joint[..., :MATERIAL, MATERIAL : MATERIAL + common] * scale[:common])
-    alone = [
-        covariance @ (block[:, s, ..., :MATERIAL, MATERIAL + common :] * scale[common:])
-        for s in range(len(samples))
-    ]
-    return covariance, np.concatenate([moved, *alone], axis=-1)

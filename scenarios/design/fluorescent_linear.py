@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri
 
-from estimators.fluorescence.background import _vertex as vertex
+from estimators.fluorescence.background import vertex
 from scenarios.design.fluorescent_channels import Pool
 from scenarios.design.fluorescent_prior import Population
 from twin.errors import InputError

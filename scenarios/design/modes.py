@@ -12,9 +12,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from scenarios.design.goal import Medium
+from scenarios.design.bands import View
+from scenarios.design.media import Medium
 from scenarios.design.noise import Settings
-from scenarios.design.optics import ROWS, SLOPES, Light, Optics
+from scenarios.design.optics import SLOPES, Light, Optics, calls
+from scenarios.design.parts import INPUTS
 from twin.bench import Bench, Sample
 from twin.effects import (
     Candidate,
@@ -56,9 +58,9 @@ def is_private(name: str) -> bool:
     """Whether every sample has its own error of a tolerance."""
     if name in PRIVATE:
         return True
-    if name in SLOPES or name.endswith("_relative"):
+    if name in INPUTS:
         return False
-    return _parameter(name)[1].per == "sample" and "[" not in name
+    return effect_parameter(name)[1].per == "sample" and "[" not in name
 
 
 def checked(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -68,9 +70,9 @@ def checked(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
         InputError: an effect that the fast engine does not see.
     """
     for name in names:
-        if name in PRIVATE or name in SLOPES or name.endswith("_relative"):
+        if name in INPUTS:
             continue
-        effect, _ = _parameter(name)
+        effect, _ = effect_parameter(name)
         if effect.engine == UNSEEN:
             raise InputError(
                 f"a tolerance of {name}, which the Monte Carlo alone sees",
@@ -82,8 +84,7 @@ def checked(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def modes(
-    names: Sequence[str], optics: Optics, bench: Bench, settings: Settings, light: Light,
-    wavelength_nm: FloatArray,
+    names: Sequence[str], optics: Optics, bench: Bench, settings: Settings, light: Light, view: View
 ) -> Modes:  # fmt: skip
     """Changes of the captures by tolerances on one bench.
 
@@ -92,8 +93,8 @@ def modes(
         optics: materials (M) and thicknesses (K).
         bench: nominal.
         settings: of its references.
-        light: of the bench.
-        wavelength_nm: [nm], shape (W,).
+        light: of the bench, as its detector sees it.
+        view: of the detector.
 
     Raises:
         InputError: an unknown effect, one that this bench cannot have, or one that the fast engine
@@ -101,9 +102,9 @@ def modes(
     """
     common, private = checked(names)
     columns = [
-        _input(name, optics, bench, light, wavelength_nm)
-        if name in PRIVATE or name in SLOPES or name.endswith("_relative")
-        else _effect(name, optics, bench, settings, light, wavelength_nm)
+        _input(name, optics, bench, light, view)
+        if name in INPUTS
+        else _effect(name, optics, bench, settings, light, view)
         for name in (*common, *private)
     ]
     shape = (*light.value.shape, 0)
@@ -111,9 +112,7 @@ def modes(
     return Modes(common, private, array)
 
 
-def _input(
-    name: str, optics: Optics, bench: Bench, light: Light, wavelength_nm: FloatArray
-) -> FloatArray:
+def _input(name: str, optics: Optics, bench: Bench, light: Light, view: View) -> FloatArray:
     slope = dict(zip(SLOPES, np.moveaxis(light.slope, -1, 0), strict=True))
     if name in ("thickness_mm", "n"):
         return np.asarray(slope[name])
@@ -125,11 +124,11 @@ def _input(
             angle = bench.detector.acceptance_deg * factor
             detector = bench.detector.model_copy(update={"acceptance_deg": angle})
             moved = bench.model_copy(update={"detector": detector})
-            ends.append(optics.light(moved, wavelength_nm).value)
+            ends.append(view.light(optics, moved).value)
         return (ends[1] - ends[0]) / (2.0 * ANGLE_STEP)
     which = name.removesuffix("_relative")
     background = bench.background.black if which == "rho_black" else bench.background.white
-    found = slope[which] * reflectance(background.reflectance, wavelength_nm)[:, None]
+    found = slope[which] * reflectance(background.reflectance, view.wavelength_nm)[:, None]
     if which == "rho_white":
         # the white is the reference too: captures read by the panels scale with it
         found = found - light.value * np.array([1.0, 1.0, 0.0])
@@ -137,7 +136,12 @@ def _input(
 
 
 @lru_cache(maxsize=1024)
-def _parameter(name: str) -> tuple[Candidate, EffectParameter]:
+def effect_parameter(name: str) -> tuple[Candidate, EffectParameter]:
+    """The effect and its parameter that a tolerance is of, such as "drift[panels].level".
+
+    Raises:
+        InputError: an effect that the catalogue does not know.
+    """
     from twin.effects import catalogue
 
     head, _, wanted = name.partition("].") if "]." in name else name.partition(".")
@@ -149,10 +153,9 @@ def _parameter(name: str) -> tuple[Candidate, EffectParameter]:
 
 
 def _effect(
-    name: str, optics: Optics, bench: Bench, settings: Settings, light: Light,
-    wavelength_nm: FloatArray,
-) -> FloatArray:  # fmt: skip
-    own, parameter = _parameter(name)
+    name: str, optics: Optics, bench: Bench, settings: Settings, light: Light, view: View
+) -> FloatArray:
+    own, parameter = effect_parameter(name)
     size = parameter.prior_scale * (1.0 if parameter.even else SMALL_STEP)
     step = -size if parameter.sign == "negative" else size
     ends = [step]
@@ -161,16 +164,15 @@ def _effect(
         ends.append(-step)
     change = _after_light if own.engine == "signal" else _by_engine
     found = [
-        change(own, parameter, parameter.nominal + end, optics, bench, settings, light,
-               wavelength_nm) / end
+        change(own, parameter, parameter.nominal + end, optics, bench, settings, light, view) / end
         for end in ends
-    ]  # fmt: skip
+    ]
     return np.asarray(np.mean(found, axis=0))
 
 
 def _after_light(
     own: Candidate, parameter: EffectParameter, value: float, optics: Optics, bench: Bench,
-    settings: Settings, light: Light, wavelength_nm: FloatArray,
+    settings: Settings, light: Light, view: View,
 ) -> FloatArray:  # fmt: skip
     """Change by an effect that acts on the signals: all samples of all materials at once."""
     shape = light.value.shape
@@ -178,11 +180,11 @@ def _after_light(
     flat = light.value.reshape(count, *shape[2:]).transpose(1, 0, 2)
     samples = [Sample(name=f"{number}", thickness_mm=1.0 + number) for number in range(count)]
     world = World.nominal(bench, samples)
-    readout = _readout(settings, light, wavelength_nm)
+    readout = _readout(settings, light, view.wavelength_nm)
     instance = own.instance or own.effect.instances(world)[0]
     changed = Candidate(own.effect, instance).apply(world, {parameter.name: value})
-    moved = expected_intensities(changed, flat, wavelength_nm, readout)
-    still = expected_intensities(world, flat, wavelength_nm, readout)
+    moved = expected_intensities(changed, flat, view.wavelength_nm, readout)
+    still = expected_intensities(world, flat, view.wavelength_nm, readout)
     return np.asarray((moved - still).transpose(1, 0, 2).reshape(shape))
 
 
@@ -201,7 +203,7 @@ def _readout(settings: Settings, light: Light, wavelength_nm: FloatArray) -> Rea
 
 def _by_engine(
     own: Candidate, parameter: EffectParameter, value: float, optics: Optics, bench: Bench,
-    settings: Settings, light: Light, wavelength_nm: FloatArray,
+    settings: Settings, light: Light, view: View,
 ) -> FloatArray:  # fmt: skip
     """Change by an effect that the plane-parallel engine sees."""
     together = [
@@ -212,7 +214,7 @@ def _by_engine(
         first = own.apply(World.nominal(bench, together), {parameter.name: value})
         if _of_bench_alone(first):
             # one bench for all samples: solved once, and kept for other detectors and lamps
-            return np.asarray(optics.light(first.bench, wavelength_nm).value - light.value)
+            return np.asarray(view.light(optics, first.bench).value - light.value)
     worlds = [
         [_changed(own, parameter, value, bench, medium, mm) for mm in optics.thickness_mm]
         for medium in optics.media
@@ -220,7 +222,7 @@ def _by_engine(
     found = np.empty_like(light.value)
     for m, row in enumerate(worlds):
         for k, world in enumerate(row):
-            moved = _light(world, optics.media[m], wavelength_nm)
+            moved = view.value(_light(world, optics.media[m], view.solved_nm))
             found[m, k] = moved - light.value[m, k]
     return found
 
@@ -242,9 +244,9 @@ def _of_bench_alone(world: World) -> bool:
 
 def _light(world: World, medium: Medium, wavelength_nm: FloatArray) -> FloatArray:
     """Light of a world with one sample, (W, 3)."""
-    found = []
-    for start in range(0, len(wavelength_nm), ROWS):
-        own = wavelength_nm[start : start + ROWS]
-        padded = np.concatenate([own, np.full(ROWS - len(own), own[-1])])
-        found.append(FastLight(padded).captures(world, medium.at(padded))[: len(own), 0])
-    return np.concatenate(found)
+    return np.concatenate(
+        [
+            FastLight(own).captures(world, medium.at(own))[:count, 0]
+            for own, count in calls(wavelength_nm)
+        ]
+    )

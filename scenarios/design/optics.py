@@ -7,13 +7,14 @@ alone; the backgrounds enter by I = direct + rho once / (1 - rho returned), whic
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from scenarios.design.goal import Medium
+from scenarios.design.media import Medium
 from scenarios.outputs import canonical_json
 from twin.bench import Background, Bench, Sample
 from twin.materials import reflectance
@@ -125,26 +126,66 @@ def _bench_key(bench: Bench) -> str:
     return canonical_json(described, indent=None)
 
 
+def intensities(parts: FloatArray, rho: Sequence[FloatArray]) -> FloatArray:
+    """Black, white and collimated (..., W, 3) of the parts of the captures (..., W, 5).
+
+    Args:
+        parts: direct, once, returned, unscattered, scattered.
+        rho: reflectance of the black and of the white, (W,) each.
+    """
+    direct, once, returned, unscattered, scattered = np.moveaxis(parts, -1, 0)
+    seen = [direct + own * once / (1.0 - own * returned) for own in rho]
+    return np.stack([*seen, unscattered + scattered], axis=-1)
+
+
+def calls(wavelength_nm: FloatArray) -> Iterator[tuple[FloatArray, int]]:
+    """Wavelengths [nm] in calls of `ROWS`, and how many of each count.
+
+    The last call is filled up with its last wavelength, so that all have the same shape.
+    """
+    for start in range(0, len(wavelength_nm), ROWS):
+        own = wavelength_nm[start : start + ROWS]
+        yield np.concatenate([own, np.full(ROWS - len(own), own[-1])]), len(own)
+
+
 def solved(
-    bench: Bench, medium: Medium, thickness_mm: float, wavelength_nm: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Parts of the captures of one sample (W, 5) and their slopes by the first five (W, 5, 5)."""
+    bench: Bench, medium: Medium, thickness_mm: float, wavelength_nm: FloatArray, *,
+    more_mm: float = 0.0, more_n: float = 0.0, values: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Parts of the captures of one sample (W, 5) and their slopes by the first five (W, 5, 5).
+
+    Args:
+        bench: its backgrounds do not matter.
+        medium: of the sample.
+        thickness_mm: that the bench is set up for [mm].
+        wavelength_nm: [nm], (W,).
+        more_mm: by how much the sample is thicker [mm].
+        more_n: by how much its index is larger.
+        values: albedo, sigma_t [1/mm] and g in the place of the medium's, (W, 3).
+
+    Raises:
+        InputError: a spectrum that does not cover the wavelengths, or a bench that a
+            plane-parallel stack cannot show.
+    """
     from twin.adding_doubling import captures_model
 
-    wavelength = np.asarray(wavelength_nm, dtype=np.float64)
     none = Background(reflectance=0.0)
     plain = bench.background.model_copy(update={"black": none, "white": none})
     dark = bench.model_copy(update={"background": plain})
     sample = Sample(name="one", thickness_mm=thickness_mm, n=medium.n)
-    found = []
-    for start in range(0, len(wavelength), ROWS):
-        own = wavelength[start : start + ROWS]
-        # the last call is filled up with its last wavelength
-        padded = np.concatenate([own, np.full(ROWS - len(own), own[-1])])
-        model = captures_model(dark, [sample], padded)
-        parameters = model.parameters(*medium.at(padded).T)
+    moved: dict[str, Any] = {}
+    if more_mm:
+        moved["thickness_mm"] = [max(thickness_mm + more_mm, 1e-3)]
+    found: list[tuple[FloatArray, FloatArray]] = []
+    for number, (own, count) in enumerate(calls(np.asarray(wavelength_nm, dtype=np.float64))):
+        rows = np.minimum(number * ROWS + np.arange(ROWS), len(wavelength_nm) - 1)
+        material = medium.at(own) if values is None else values[rows]
+        model = captures_model(dark, [sample], own)
+        if more_n:
+            moved["n"] = np.maximum(np.asarray(model.nominal.n) + more_n, 1.0)
+        parameters = model.parameters(*material.T, **moved)
         value, slope = _program()(parameters, model.constants, model.form)
-        found.append((np.asarray(value)[: len(own), 0], np.asarray(slope)[: len(own), 0]))
+        found.append((np.asarray(value)[:count, 0], np.asarray(slope)[:count, 0]))
     value = np.concatenate([each for each, _ in found])
     slope = np.concatenate([each for _, each in found])
     return value, slope

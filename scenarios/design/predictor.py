@@ -8,11 +8,13 @@ from typing import Protocol
 
 import numpy as np
 
+from scenarios.design.apparent import Tables
+from scenarios.design.bands import View
 from scenarios.design.candidate import Candidate, judged_nm
 from scenarios.design.colour import Slabs
-from scenarios.design.fisher import Information, Predicted, predicted, propagated
+from scenarios.design.fisher import Information, Predicted, predicted
 from scenarios.design.goal import Goal
-from scenarios.design.modes import Modes, checked, is_private, modes
+from scenarios.design.modes import Modes, checked, modes
 from scenarios.design.noise import Settings, covariance, minutes
 from scenarios.design.optics import Light, Optics
 from scenarios.design.parts import Parts
@@ -22,6 +24,7 @@ from twin.spectra import FloatArray
 
 NOISE = "counts, references and lamps"
 CHANNELS = "too few channels"
+BANDS = "width of the bands"
 COLUMN = {"albedo": 0, "sigma_t_relative": 1, "g": 2}
 FEWEST_WAVELENGTHS = 4
 BLACK_AND_WHITE = 0.47
@@ -56,17 +59,22 @@ class Setting:
 
     Attributes:
         bench: the bench.
-        wavelength_nm: judged wavelengths [nm], (W,).
+        view: of its detector.
         settings: of the references.
-        light: of M materials and K thicknesses.
+        light: of M materials and K thicknesses as it is seen.
         modes: of unit tolerances.
     """
 
     bench: Bench
-    wavelength_nm: FloatArray
+    view: View
     settings: Settings
     light: Light
     modes: Modes
+
+    @property
+    def wavelength_nm(self) -> FloatArray:
+        """Judged wavelengths [nm], (W,)."""
+        return self.view.wavelength_nm
 
 
 class TranslucentPredictor:
@@ -92,6 +100,7 @@ class TranslucentPredictor:
             names |= dict.fromkeys(each.name for each in part.tolerances)
         self.common, self.private = checked(tuple(names))
         self._settings: dict[tuple[object, ...], Setting] = {}
+        self._tables = Tables(self.optics)
         self._information: dict[tuple[object, ...], Information] = {}
         self._slabs: dict[bytes, Slabs] = {}
 
@@ -146,28 +155,31 @@ class TranslucentPredictor:
         deciding = tuple(part.name for part in chosen if part.bench or part.brightness != 1.0)
         key = (deciding, candidate.acceptance_deg, candidate.polar_deg)
         if key not in self._settings:
-            grid = self.goal.wavelength
-            bench = candidate.bench(self.parts, grid.wavelength_nm.tolist())
-            wavelength = judged_nm(bench, grid.start_nm, grid.stop_nm)
-            if len(wavelength) < FEWEST_WAVELENGTHS:
-                raise InputError(
-                    f"{len(wavelength)} pixels of the detector from {grid.start_nm:g} to"
-                    f" {grid.stop_nm:g} nm", f"{FEWEST_WAVELENGTHS} or more", place="wavelength",
-                )  # fmt: skip
-            settings = Settings.of(bench, wavelength)
-            light = self.optics.light(bench, wavelength)
-            names = {
-                each.name
-                for part in self.parts.by_name.values()
-                if part.name in deciding or not (part.bench or part.brightness != 1.0)
-                for each in part.tolerances
-            }
-            own = modes(
-                tuple(name for name in (*self.common, *self.private) if name in names),
-                self.optics, bench, settings, light, wavelength,
-            )  # fmt: skip
-            self._settings[key] = Setting(bench, wavelength, settings, light, self._all(own))
+            self._settings[key] = self._set_up(candidate, deciding)
         return self._settings[key]
+
+    def _set_up(self, candidate: Candidate, deciding: Sequence[str]) -> Setting:
+        grid = self.goal.wavelength
+        bench = candidate.bench(self.parts, grid.wavelength_nm.tolist())
+        wavelength = judged_nm(bench, grid.start_nm, grid.stop_nm)
+        if len(wavelength) < FEWEST_WAVELENGTHS:
+            raise InputError(
+                f"{len(wavelength)} pixels of the detector from {grid.start_nm:g} to"
+                f" {grid.stop_nm:g} nm", f"{FEWEST_WAVELENGTHS} or more", place="wavelength",
+            )  # fmt: skip
+        settings, view = Settings.of(bench, wavelength), View.of(bench, wavelength)
+        light = view.light(self.optics, bench)
+        names = {
+            each.name
+            for part in self.parts.by_name.values()
+            if part.name in deciding or not (part.bench or part.brightness != 1.0)
+            for each in part.tolerances
+        }
+        own = modes(
+            tuple(name for name in (*self.common, *self.private) if name in names),
+            self.optics, bench, settings, light, view,
+        )  # fmt: skip
+        return Setting(bench, view, settings, light, self._all(own))
 
     def _all(self, own: Modes) -> Modes:
         """Modes of all names, those that cannot happen here zero."""
@@ -188,7 +200,10 @@ class TranslucentPredictor:
             InputError: a candidate that cannot be.
         """
         setting = self.setting(candidate)
-        key = (id(setting), candidate.averages, candidate.repeats)
+        key: tuple[object, ...] = (id(setting), candidate.averages, candidate.repeats)
+        if setting.view.bands is not None:
+            # what an estimate makes of bands depends on all that it weighs with
+            key = (*key, candidate.thickness_mm, self.scales(candidate).tobytes())
         if extra is None and key in self._information:
             return self._information[key]
         noise = covariance(
@@ -201,9 +216,17 @@ class TranslucentPredictor:
             shared = BLACK_AND_WHITE * extra[..., 0] * extra[..., 1]
             noise[..., 0, 1] += shared
             noise[..., 1, 0] += shared
+        light: Light = setting.light
+        shift: FloatArray | None = None
+        if setting.view.bands is not None:
+            chosen = [self.optics.thickness_mm.index(mm) for mm in candidate.thickness_mm]
+            moved = setting.modes.array * self.scales(candidate)
+            light, shift = self._tables.estimated(
+                setting.bench, setting.view, light, noise, moved, len(self.common), chosen
+            )
         material = np.array([medium.at(setting.wavelength_nm) for medium in self.media])
         found = Information.of(
-            setting.light, noise, setting.modes, material, np.array(self.optics.thickness_mm)
+            light, noise, setting.modes, material, np.array(self.optics.thickness_mm), shift
         )
         if extra is None:
             self._information[key] = found
@@ -226,17 +249,19 @@ class TranslucentPredictor:
             self._slabs[key] = Slabs.of(self.media, wavelength_nm)
         return self._slabs[key]
 
+    def scale(self, name: str, wavelength_nm: FloatArray) -> FloatArray:
+        """What a figure is relative to: sigma_t [1/mm] of "sigma_t_relative", else 1, (M, W)."""
+        material = np.array([medium.at(wavelength_nm) for medium in self.media])
+        return material[..., 1] if name == "sigma_t_relative" else np.ones(material.shape[:2])
+
     def _figures(self, candidates: Sequence[Candidate], found: Predicted) -> FloatArray:
         wavelength = self.setting(candidates[0]).wavelength_nm
-        material = np.array([medium.at(wavelength) for medium in self.media])
         columns = []
         for name in self.targets:
             if name == "de2000":
                 columns.append(self.slabs(wavelength).de2000(found).max(axis=-1))
                 continue
-            own = found.standard[..., COLUMN[name]]
-            if name == "sigma_t_relative":
-                own = own / material[..., 1]
+            own = found.error[..., COLUMN[name]] / self.scale(name, wavelength)
             columns.append(np.sqrt(np.mean(own**2, axis=-1)).max(axis=-1))
         return np.stack(columns, axis=-1)
 
@@ -247,25 +272,23 @@ class TranslucentPredictor:
         """
         found = self.of([candidate])
         wavelength = self.setting(candidate).wavelength_nm
-        material = np.array([medium.at(wavelength) for medium in self.media])
         shares: dict[str, dict[str, float]] = {}
         for name in self.targets:
             if name == "de2000":
                 slabs = self.slabs(wavelength)
-                total, parts = slabs.parts(found)
+                total, parts, bias = slabs.parts(found)
                 worst = int(np.argmax(total[0]))
                 by_mode, whole = parts[0, worst], total[0, worst] ** 2
-                rest = {NOISE: whole - by_mode.sum() - slabs.between[worst] ** 2,
-                        CHANNELS: slabs.between[worst] ** 2}  # fmt: skip
+                rest = {CHANNELS: slabs.between[worst] ** 2, BANDS: bias[0, worst]}
             else:
-                scale = material[..., 1] if name == "sigma_t_relative" else 1.0
-                column = COLUMN[name]
-                variance = np.mean((found.standard[0, ..., column] / scale) ** 2, axis=-1)
+                scale, column = self.scale(name, wavelength), COLUMN[name]
+                variance = np.mean((found.error[0, ..., column] / scale) ** 2, axis=-1)
                 worst = int(np.argmax(variance))
-                gain = found.gain[0, worst, :, column]
-                weight = np.broadcast_to(scale, found.gain.shape[1:3])[worst][:, None]
-                by_mode, whole = np.mean((gain / weight) ** 2, axis=0), variance[worst]
-                rest = {NOISE: whole - by_mode.sum()}
+                gain = found.gain[0, worst, :, column] / scale[worst][:, None]
+                by_mode, whole = np.mean(gain**2, axis=0), variance[worst]
+                bias = found.bias[0, worst, :, column] / scale[worst]
+                rest = {BANDS: np.mean(bias**2)}
+            rest[NOISE] = whole - by_mode.sum() - sum(rest.values())
             own: dict[str, float] = {}
             for label, value in zip(found.modes, by_mode, strict=True):
                 short = label.partition(" #")[0]
@@ -275,27 +298,3 @@ class TranslucentPredictor:
                 sorted(((n, s) for n, s in own.items() if s > 0), key=lambda each: -each[1])
             )
         return shares
-
-    def by_least_squares(self, candidate: Candidate) -> FloatArray:
-        """Figures (T,) of plain least squares with its budget: weights by the noise alone.
-
-        NaN for de2000.
-        """
-        setting = self.setting(candidate)
-        chosen = [self.optics.thickness_mm.index(mm) for mm in candidate.thickness_mm]
-        own, moved = propagated(self.information(candidate), chosen, self.scales(candidate))
-        variance = np.diagonal(own, axis1=-2, axis2=-1) + (moved**2).sum(axis=-1)
-        material = np.array([medium.at(setting.wavelength_nm) for medium in self.media])
-        found = []
-        for name in self.targets:
-            if name == "de2000":
-                found.append(np.nan)
-                continue
-            values = variance[..., COLUMN[name]]
-            if name == "sigma_t_relative":
-                values = values / material[..., 1] ** 2
-            found.append(float(np.sqrt(values.mean(axis=-1)).max()))
-        return np.array(found)
-
-
-__all__ = ["NOISE", "Predictor", "Setting", "TranslucentPredictor", "is_private"]

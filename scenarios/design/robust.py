@@ -16,7 +16,7 @@ import numpy as np
 
 from diagnosis import TOLD_APART
 from scenarios.design.candidate import Candidate
-from scenarios.design.fisher import Information, _widths
+from scenarios.design.fisher import Information, prior_widths
 from scenarios.design.modes import UNSEEN, Modes, is_private, modes
 from scenarios.design.noise import covariance
 from scenarios.design.optics import MATERIAL
@@ -75,9 +75,7 @@ def robustness(predictor: TranslucentPredictor, candidate: Candidate) -> Robustn
     names, scales, unseen = _effects(predictor)
     setting = predictor.setting(candidate)
     light = setting.light
-    own = modes(
-        names, predictor.optics, setting.bench, setting.settings, light, setting.wavelength_nm
-    )
+    own = modes(names, predictor.optics, setting.bench, setting.settings, light, setting.view)
     noise = covariance(
         setting.settings, light.value, averages=candidate.averages, repeats=candidate.repeats
     )
@@ -156,7 +154,7 @@ def _left(
         known[:, :, rows[:, None], rows] += part[..., :last, :last]
         cross[:, :, rows] += part[..., :last, last:]
         rest += part[..., last:, last:]
-    wide = _widths([whole], [chosen])[0]
+    wide = prior_widths([whole], [chosen])[0]
     width = np.concatenate([wide, np.ones((*shape, size - MATERIAL))], axis=-1)
     scaled = known * width[..., :, None] * width[..., None, :] + np.eye(size)
     solved = np.linalg.solve(scaled, cross * width[..., None])

@@ -16,12 +16,14 @@ from scenarios.design.parts import ESTIMATE, Parts
 from scenarios.design.predictor import Predictor, TranslucentPredictor
 from scenarios.design.robust import Robustness, robustness
 from scenarios.design.search import Found, search
-from scenarios.design.verify import PARAMETERS, Verified, verify
+from scenarios.design.verified import PARAMETERS, Verified
+from scenarios.design.verify import verify
+from scenarios.design.wording import verdict
 from scenarios.sweep import Workers
 from twin.errors import InputError
 
-AGREES = (0.85, 1.15)
-"""Ratios of actual to predicted errors within which both agree."""
+CLEAR = 2.0
+"""Standard errors beyond which a simulated figure is above or below its target."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,30 +58,47 @@ class Study:
         """Whether a candidate meets all targets."""
         return self.found.cheapest is not None
 
-    def verdict(self) -> str:
-        """The answer in a sentence."""
-        number = self.answer
-        own = self.found.candidates[number]
-        price = self.found.price_usd[number]
-        if self.reached:
-            how = "of all candidates" if self.found.complete else "of those looked at"
-            return f"{price:g} USD: the cheapest {how} that meets all targets is {own.text}."
-        worst = self.goal.targets.names[int(np.argmax(self._over(number)))]
-        input_, share = next(iter(self.limits[worst].items()), ("", 0.0))
-        best = ", ".join(
-            f"{name} {value:.3g} (target {target:g})"
-            for name, value, target in zip(
-                self.goal.targets.names, self.found.figures[number], self.goal.targets.values,
-                strict=True,
-            )
-        )  # fmt: skip
-        return (
-            f"No candidate meets all targets. The best that is reachable: {best}, for {price:g} USD"
-            f" by {own.text}. What limits {worst}: {input_}, {100 * share:.0f} % of its variance."
-        )
+    @property
+    def simulated_answer(self) -> Verified | None:
+        """The simulation of the answer; None: there is none."""
+        own = self.found.candidates[self.answer]
+        return next((each for each in self.verified if each.candidate == own), None)
 
-    def _over(self, number: int) -> Any:
-        return self.found.figures[number] / self.goal.targets.values
+    @property
+    def meets_in_simulation(self) -> str:
+        """Whether the answer's simulated figures meet the targets: `in_simulation`."""
+        own = self.simulated_answer
+        return "not simulated" if own is None else self.in_simulation(own)
+
+    @property
+    def confirmed(self) -> Verified | None:
+        """The cheapest candidate whose simulation meets the targets; None: there is none."""
+        good = [each for each in self.verified if self.in_simulation(each) == "yes"]
+        return min(good, key=lambda each: each.candidate.price(self.parts), default=None)
+
+    def in_simulation(self, each: Verified) -> str:
+        """Whether a candidate's simulated figures meet the targets.
+
+        Returns:
+            "yes"; "no"; "open": a figure is above its target by less than twice its standard error,
+            or nothing that has a target is simulated ("de2000"); or "failed".
+        """
+        if each.failure:
+            return "failed"
+        if not each.figures:
+            return "open"
+        found = "yes"
+        for name, (value, error) in each.figures.items():
+            target = getattr(self.goal.targets, name)
+            if value - CLEAR * error > target:
+                return "no"
+            if value > target:
+                found = "open"
+        return found
+
+    def verdict(self) -> str:
+        """The answer, whether its simulation confirms it, and what it is made of."""
+        return verdict(self)
 
     def as_json(self) -> dict[str, Any]:
         """Everything that the report shows; each candidate reproducible."""
@@ -89,6 +108,7 @@ class Study:
             "title": self.goal.title,
             "verdict": self.verdict(),
             "reached": self.reached,
+            "meets_targets_in_simulation": self.meets_in_simulation,
             "search": {
                 "method": found.method, "complete": found.complete,
                 "candidates": len(found.candidates),
@@ -107,7 +127,7 @@ class Study:
                 }
                 for name, own, figures in self.compared
             ],
-            "verified": [verified_row(each, parts) for each in self.verified],
+            "verified": [self._verified_row(each) for each in self.verified],
             "robust": [each.as_json(parts) for each in self.robust],
             "estimated_prices": [
                 part.name for part in found.candidates[answer].chosen(parts)
@@ -132,18 +152,26 @@ class Study:
             "leds": own.leds,
         }
 
-
-def verified_row(each: Verified, parts: Parts) -> dict[str, Any]:
-    """One simulated candidate, for the JSON file."""
-    row: dict[str, Any] = {"id": each.candidate.id(parts), "price_usd": each.candidate.price(parts)}
-    if each.failure:
-        return {**row, "failure": each.failure}
-    for name, values in (
-        ("ratio", each.ratio), ("bias", each.bias), ("width_ratio", each.width_ratio)
-    ):  # fmt: skip
-        row[name] = dict(zip(PARAMETERS, values.tolist(), strict=True))
-    row["agrees"] = bool(np.all((each.ratio >= AGREES[0]) & (each.ratio <= AGREES[1])))
-    return row
+    def _verified_row(self, each: Verified) -> dict[str, Any]:
+        parts = self.parts
+        row: dict[str, Any] = {
+            "id": each.candidate.id(parts), "price_usd": each.candidate.price(parts),
+        }  # fmt: skip
+        if each.failure:
+            return {**row, "failure": each.failure}
+        for name, values in (
+            ("ratio", each.ratio), ("ratio_error", each.ratio_error), ("bias", each.bias),
+            ("width_ratio", each.width_ratio),
+        ):  # fmt: skip
+            row[name] = dict(zip(PARAMETERS, values.tolist(), strict=True))
+        figures = {
+            name: {"simulated": value, "standard_error": error}
+            for name, (value, error) in each.figures.items()
+        }
+        return {
+            **row, "agrees": each.agrees, "figures": figures,
+            "meets_targets": self.in_simulation(each),
+        }  # fmt: skip
 
 
 def study(

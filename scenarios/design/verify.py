@@ -8,7 +8,7 @@ tolerances estimates the material. Actual errors and stated widths are compared 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +17,10 @@ import numpy as np
 from scenarios.console import Console
 from scenarios.design.candidate import Candidate
 from scenarios.design.draws import drawn, light_ratio, scaled, traced, world_of
-from scenarios.design.goal import Goal, Medium
-from scenarios.design.predictor import TranslucentPredictor
+from scenarios.design.goal import Goal
+from scenarios.design.media import Medium
+from scenarios.design.predictor import COLUMN, TranslucentPredictor
+from scenarios.design.verified import Verified
 from scenarios.scenario import MapSettings, Scenario
 from scenarios.sweep import Workers, sweep
 from twin.spectra import FloatArray
@@ -28,71 +30,6 @@ if TYPE_CHECKING:
 
 TASK = "scenarios.design.verify:simulated"
 VERSION = "2"
-PARAMETERS = ("albedo", "sigma_t_per_mm", "g")
-USABLE = 3.0
-"""A wavelength counts where the uncertainty is below this share of the range of every parameter."""
-
-
-@dataclass(frozen=True, eq=False)
-class Verified:
-    """One candidate, simulated: M materials, V visits, W wavelengths.
-
-    Attributes:
-        candidate: what was simulated.
-        predicted: standard uncertainty, the Monte Carlo's own error included, (M, W, 3).
-        error: estimate minus truth, (M, V, W, 3); NaN where there is no estimate.
-        width: standard uncertainty that the estimate states, (M, V, W, 3).
-        failure: why there is nothing, or "".
-        own: predicted for a bench of light instead of paths, (M, W, 3).
-    """
-
-    candidate: Candidate
-    predicted: FloatArray
-    error: FloatArray
-    width: FloatArray
-    failure: str = ""
-    own: FloatArray | None = None
-
-    @property
-    def ratio_error(self) -> FloatArray:
-        """Standard error of `ratio`: jackknife over visits and over wavelengths, added, (3,).
-
-        Visits share nothing but the Monte Carlo's light and maps; the lamps' drift and the errors
-        of parts are common to the wavelengths of one visit.
-        """
-        square = (self.error / self.predicted[:, None]) ** 2
-        total = np.zeros(3)
-        for axis in (1, 2):
-            count = square.shape[axis]
-            each = np.nanmean(square, axis=tuple(k for k in (0, 1, 2) if k != axis))
-            total += np.nanvar(each, axis=0, ddof=1) / max(count, 1) if count > 1 else 0.0
-        return np.asarray(np.sqrt(total) / (2.0 * self.ratio))
-
-    @property
-    def actual(self) -> FloatArray:
-        """Actual errors without the Monte Carlo's share, root mean square, (3,).
-
-        What is predicted for the bench itself, times `ratio`.
-        """
-        own = self.predicted if self.own is None else self.own
-        return np.asarray(self.ratio * np.sqrt(np.nanmean(own**2, axis=(0, 1))))
-
-    @property
-    def ratio(self) -> FloatArray:
-        """Root mean square of actual errors in predicted standard uncertainties, (3,)."""
-        pull = self.error / self.predicted[:, None]
-        return np.asarray(np.sqrt(np.nanmean(pull**2, axis=(0, 1, 2))))
-
-    @property
-    def bias(self) -> FloatArray:
-        """What of the ratio all visits share, root mean square over materials and wavelengths."""
-        mean = np.nanmean(self.error, axis=1) / self.predicted
-        return np.asarray(np.sqrt(np.nanmean(mean**2, axis=(0, 1))))
-
-    @property
-    def width_ratio(self) -> FloatArray:
-        """Median of stated over predicted uncertainty, (3,)."""
-        return np.asarray(np.nanmedian(self.width / self.predicted[:, None], axis=(0, 1, 2)))
 
 
 def verify(
@@ -288,8 +225,15 @@ def _judged(
     chosen = [predictor.optics.thickness_mm.index(mm) for mm in candidate.thickness_mm]
     for m, result in enumerate(good):
         extra[m, chosen] = result["extra"]
-    expected = predictor.of([candidate], extra).standard[0]
-    return Verified(
-        candidate, expected, np.array([r["error"] for r in good]),
-        np.array([r["width"] for r in good]), own=predictor.of([candidate]).standard[0],
+    found, own = predictor.of([candidate], extra), predictor.of([candidate]).error[0]
+    judged = Verified(
+        candidate, found.standard[0], np.array([r["error"] for r in good]),
+        np.array([r["width"] for r in good]), own=own, bands=found.bias[0],
     )  # fmt: skip
+    wavelength = predictor.setting(candidate).wavelength_nm
+    figures = {
+        name: judged.figure(COLUMN[name], predictor.scale(name, wavelength))
+        for name in predictor.targets
+        if name in COLUMN
+    }
+    return replace(judged, figures=figures)

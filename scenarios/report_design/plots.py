@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from scenarios.design.verified import AGREES
+from scenarios.design.wording import FIGURES, input_title
 from scenarios.report.figure import (
     BLUE,
     GREEN,
@@ -33,13 +35,12 @@ MOST_DOTS = 3000
 def draw_front(study: Study) -> str:
     """Score against price: every candidate, the front, the greedy path, what is compared."""
     found = study.found
-    names = study.goal.targets.names
     with figure_style():
         figure = new_figure(9.6, 4.6)
         axis = figure.subplots()
         every = max(1, len(found.score) // MOST_DOTS)
         axis.scatter(
-            found.price_usd[::every], found.score[::every], s=4, color="#c3cad3", linewidths=0,
+            found.price_usd[::every], found.score[::every], s=7, color="#aab3be", linewidths=0,
             label="candidates", rasterized=False,
         )  # fmt: skip
         front = list(found.front)
@@ -64,9 +65,17 @@ def draw_front(study: Study) -> str:
             found.price_usd[answer], found.score[answer], marker="*", ms=15, ls="", mec=INK,
             color=VERMILION, label="answer",
         )  # fmt: skip
+        actual = [each for each in study.verified if each.figures]
+        if actual:
+            axis.plot(
+                [each.candidate.price(study.parts) for each in actual],
+                [max(value / getattr(study.goal.targets, name)
+                     for name, (value, _) in each.figures.items()) for each in actual],
+                marker="X", ms=9, ls="", mec="white", color=INK, label="simulated",
+            )  # fmt: skip
         axis.axhline(1.0, color=INK, lw=0.9)
         axis.annotate(
-            "targets met below", (0.995, 1.0), xycoords=("axes fraction", "data"), ha="right",
+            "targets met below", (0.005, 1.0), xycoords=("axes fraction", "data"), ha="left",
             va="top", xytext=(0, -3), textcoords="offset points", fontsize=8.5,
         )  # fmt: skip
         axis.set_xscale("log")
@@ -74,9 +83,10 @@ def draw_front(study: Study) -> str:
         plain_ticks(axis, "x")
         plain_ticks(axis, "y")
         axis.set_xlabel("Price [USD]")
-        axis.set_ylabel(literal(f"Largest of {', '.join(names)} over its target"))
+        axis.set_ylabel("Largest uncertainty over its target [1]")
         axis.margins(0.04, 0.08)
-        figure.legend(loc="outside upper left", ncols=6)
+        few = len(axis.get_legend_handles_labels()[0]) <= 6
+        figure.legend(loc="outside upper left", ncols=6 if few else 4)
         return svg_of(figure, "front", "Cost against accuracy of all candidates.")
 
 
@@ -85,11 +95,11 @@ def draw_limits(study: Study) -> str:
     limits = study.limits
     inputs = list(
         dict.fromkeys(
-            name for own in limits.values() for name, share in own.items() if share > 0.02
+            name for own in limits.values() for name, share in own.items() if share > LEAST_SHARE
         )
     )
     with figure_style():
-        figure = new_figure(9.6, 0.9 + 0.5 * len(limits))
+        figure = new_figure(9.6, 0.9 + 0.5 * len(limits) + 0.1 * len(inputs))
         axis = figure.subplots()
         for row, own in enumerate(limits.values()):
             left = 0.0
@@ -98,16 +108,16 @@ def draw_limits(study: Study) -> str:
                 axis.barh(
                     row, 100 * share, 0.6, 100 * left, color=SERIES[number % len(SERIES)],
                     hatch="" if number < len(SERIES) else "///", edgecolor="white",
-                    label=literal(name) if row == 0 else None,
+                    label=literal(input_title(name)) if row == 0 else None,
                 )  # fmt: skip
                 left += share
             axis.barh(row, 100 * max(1 - left, 0.0), 0.6, 100 * left, color="#d9dee5")
-        axis.set_yticks(range(len(limits)), [literal(name) for name in limits])
+        axis.set_yticks(range(len(limits)), [FIGURES[name] for name in limits])
         axis.invert_yaxis()
         axis.set_xlim(0, 100)
         axis.grid(axis="y", visible=False)
         axis.set_xlabel("Share of the variance [%]; grey: all others")
-        figure.legend(loc="outside lower center", ncols=3)
+        figure.legend(loc="outside lower center", ncols=2)
         return svg_of(figure, "limits", "What limits the answer.")
 
 
@@ -116,11 +126,16 @@ def draw_verification(study: Study) -> str | None:
     good = [each for each in study.verified if not each.failure]
     if not good:
         return None
-    labels = [f"{each.candidate.price(study.parts):g} USD" for each in good]
+    labels = [
+        f"{each.candidate.price(study.parts):g} USD\n{each.candidate.id(study.parts)}"
+        for each in good
+    ]
     with figure_style():
         figure = new_figure(9.6, 1.3 + 0.42 * len(good))
         axis = figure.subplots()
-        axis.axvspan(0.85, 1.15, color="#e5f2ea", zorder=0, label="agreement, 0.85 to 1.15")
+        axis.axvspan(
+            *AGREES, color="#e5f2ea", zorder=0, label="agreement, {:g} to {:g}".format(*AGREES)
+        )
         axis.axvline(1.0, color=INK, lw=0.8)
         for number, name in enumerate(("albedo", "σt", "g")):
             offset = 0.2 * (number - 1)
@@ -134,9 +149,10 @@ def draw_verification(study: Study) -> str | None:
                 mew=2, color=SERIES[number], label=f"{name}: stated width",
             )  # fmt: skip
         axis.set_yticks(range(len(good)), labels)
-        axis.invert_yaxis()
+        axis.set_ylim(len(good) - 0.5, -0.5)
+        axis.margins(x=0.05)
         axis.grid(axis="y", visible=False)
-        axis.set_xlabel("Over the predicted standard uncertainty")
+        axis.set_xlabel("Ratio to the predicted one [1]")
         axis.tick_params(axis="y", color=GREY)
         figure.legend(loc="outside upper center", ncols=4)
         return svg_of(figure, "verified", "Predicted against simulated uncertainty.")

@@ -178,7 +178,7 @@ def _tiles(
     best = int(yields.argmax())
     top = float(cells[row, column])
     note = f"excited at {result.excitation_nm[column]:g}, emitted at {result.emission_nm[row]:g} nm"
-    interval = result.quantile[[0, -1], row, column]
+    interval = result.interval[:, row, column]
     if np.isfinite(interval).all():
         note += f"; 90 %: {interval[0]:.4f} to {interval[1]:.4f}"
     tiles = [

@@ -1,10 +1,11 @@
 """Whether what is left after the best explanation is noise.
 
 Several quadratic forms of the reduced residual are tested together, from the whole chi-square to
-deviations that are smooth over wavelength and a scan over single blocks; the smallest of their
-p-values is calibrated by simulation, so that looking in many ways costs what it should. The
-effects' own directions are projected out first: the rest is normal whatever their values are.
-Choosing the effects by the same data only makes the rest smaller, the test conservative.
+deviations that are smooth over wavelength, to what all repeats share (fringes, lines), and a scan
+over single blocks; the smallest of their p-values is calibrated by simulation, so that looking in
+many ways costs what it should. The effects' own directions are projected out first: the rest is
+normal whatever their values are. Choosing the effects by the same data only makes the rest smaller,
+the test conservative.
 
 What lies in the span of the material's Jacobian, or of the accepted effects, is invisible.
 """
@@ -73,18 +74,18 @@ def adequacy(problem: Problem, found: Fit, *, seed: int = 0, draws: int = DRAWS)
     reduction = found.reduction
     freedom = reduction.freedom - own.shape[1]
     looks: list[tuple[str, FloatArray]] = []
-    for name, by, count in (
-        ("level of a block", "block", 1),
-        ("smooth over wavelength", "block", 3),
-        ("structured over wavelength", "block", 8),
-        ("by repeat", "capture_repeat", 2),
+    several = len(problem.repeats) > 1
+    for name, by, functions in (
+        ("level of a block", "block", polynomials(problem.wavelength_nm, 1)),
+        ("smooth over wavelength", "block", polynomials(problem.wavelength_nm, 3)),
+        ("structured over wavelength", "block", polynomials(problem.wavelength_nm, 8)),
+        # noise is another in every repeat; what is wrong with a bench is not
+        ("alike in all repeats", "block", np.eye(len(problem.wavelength_nm)) if several else None),
+        ("by repeat", "capture_repeat", polynomials(problem.wavelength_nm, 2) if several else None),
     ):
-        if by == "capture_repeat" and len(problem.repeats) < 2:
-            continue
-        columns = smooth_columns(
-            problem, found.predicted, polynomials(problem.wavelength_nm, count), by=by
-        )
-        looks.append((name, orthonormal(off(reduction(columns), own))))
+        if functions is not None:
+            columns = smooth_columns(problem, found.predicted, functions, by=by)
+            looks.append((name, orthonormal(off(reduction(columns), own))))
     shapes = polynomials(problem.wavelength_nm, 4)
     scan = off(reduction(smooth_columns(problem, found.predicted, shapes)), own)
     size = np.linalg.norm(scan, axis=0)

@@ -120,6 +120,38 @@ class Geometry(NamedTuple):
     cone_cosine: Any
     second: TwoTerm = TwoTerm(0.0, 0.0)
     sublayers: Any = ()
+    beam: Any = ()
+
+
+class ObliqueBeam(NamedTuple):
+    """A beam whose directions differ from the axis.
+
+    Attributes:
+        cosine: in air, of its unscattered light that is accepted.
+        share: by which scattered light is divided, because the empty bench collects no more of
+            the beam, (S,).
+        divergence_deg: half-angle of all its light [deg]; tilt_deg: of its axis [deg].
+    """
+
+    cosine: Any
+    share: Any
+    divergence_deg: Any
+    tilt_deg: Any
+
+    def blur(self, n: FloatArray, count: int) -> FloatArray:
+        """By what the beam weakens Legendre orders of what is scattered, (W, count).
+
+        Addition theorem: the mean over a cone of directions, times P_l of its axis.
+        """
+        half, tilt = (
+            np.sqrt(1.0 - (math.sin(math.radians(each)) / n) ** 2)
+            for each in (max(float(self.divergence_deg), 1e-3), float(self.tilt_deg))
+        )
+        order = np.arange(count)
+        cone = 2.0 * legendre_cone(half, count)[0] / (2 * order + 1) / (1.0 - half)[:, None]
+        # d c_l / d cosine = -(2 l + 1) / 2 P_l
+        axis = -2.0 * legendre_cone(tilt, count)[1] / (2 * order + 1)
+        return np.asarray(cone * axis)
 
 
 class Constants(NamedTuple):
@@ -139,6 +171,7 @@ class Form:
     mirrored: bool
     two_term: bool = False
     layered: bool = False
+    oblique: bool = False
 
 
 def _phase_of(form: Form, g: Array, moments: Array, second: TwoTerm, cosine: Array) -> Array:
@@ -157,9 +190,13 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry, form:
     here = inside(streams, n)
     panel_air = jnp.asarray(geometry.panel_cosine)
     panel_mu = cosine_inside(n, panel_air)
-    count = here.cosine.shape[0]
+    count, panels = here.cosine.shape[0], panel_air.shape[0]
     cosine = jnp.concatenate([here.cosine, panel_mu])
     air_cosine = jnp.concatenate([here.air_cosine, panel_air])
+    if form.oblique:
+        beam_air = jnp.asarray(geometry.beam.cosine)[None]
+        cosine = jnp.concatenate([cosine, cosine_inside(n, beam_air)])
+        air_cosine = jnp.concatenate([air_cosine, beam_air])
     top_all = window(n, around.above_n, around.above_depth, cosine, air_cosine)
     bottom_all = (
         top_all
@@ -250,7 +287,7 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry, form:
     open_below = Window(jnp.zeros_like(root), jnp.ones_like(root), jnp.zeros_like(root))
     backed = system(open_below) if form.contact else through_air
     backed_bottom = open_below if form.contact else bottom
-    panel = slice(count, None)
+    panel = slice(count, count + panels)
     nothing = jnp.zeros_like(panel_mu)
     open_panel = Window(nothing, jnp.ones_like(nothing), nothing)
     panel_below = open_panel if form.contact else _part(bottom_all, panel)
@@ -260,7 +297,12 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry, form:
     if form.contact:
         spread = root[first + normal] ** 2 / jnp.sum(root**2) / lambert[normal]
 
-    def sample(thickness: Array, plane: Array, nominal: Array) -> Array:
+    def unscattered_at(index: int, true_depth: Array) -> Array:
+        top, bottom, mu = _part(top_all, index), _part(bottom_all, index), cosine[index]
+        rounds = top.inside * bottom.inside * jnp.exp(-2.0 * true_depth / mu)
+        return top.through * bottom.through * jnp.exp(-true_depth / mu) / (1.0 - rounds)
+
+    def sample(thickness: Array, plane: Array, nominal: Array, share: Array) -> Array:
         depths, depth, true_depth, albedo, once = depths_of(parameters.sigma_t_per_mm * thickness)
         up, down, returned = backed(depths)
         mirror, clear_backed = specular(top, backed_bottom, here.cosine, depth)
@@ -297,16 +339,20 @@ def _one(parameters: Parameters, around: Surroundings, geometry: Geometry, form:
         total = (1.0 - geometry.cone_cosine**2) * scattered + peak_light
         rounds = top.inside[at] * bottom.inside[at] * jnp.exp(-2.0 * true_depth)
         unscattered = top.through[at] * bottom.through[at] * jnp.exp(-true_depth) / (1.0 - rounds)
-        return jnp.stack(
-            [height * direct, height * sent * received, returned, unscattered, total - unscattered]
-        )
+        into = total - unscattered
+        if form.oblique:
+            # beyond the forward peak light that is scattered hardly knows where it came from
+            unscattered, into = unscattered_at(count + panels, true_depth), into / share
+        return jnp.stack([height * direct, height * sent * received, returned, unscattered, into])
 
+    shares = geometry.beam.share if form.oblique else jnp.ones_like(parameters.thickness_mm)
     return jax.vmap(sample)(
-        parameters.thickness_mm, jnp.asarray(geometry.planes), jnp.asarray(geometry.thickness_mm)
-    )
+        parameters.thickness_mm, jnp.asarray(geometry.planes), jnp.asarray(geometry.thickness_mm),
+        jnp.asarray(shares),
+    )  # fmt: skip
 
 
-def _part(of: Window, where: slice) -> Window:
+def _part(of: Window, where: slice | int) -> Window:
     return Window(of.inside[where], of.through[where], of.outside[where])
 
 
@@ -418,6 +464,7 @@ def captures_model(
     contact: bool = False,
     second: tuple[float, float] | None = None,
     sublayers: Sequence[tuple[float, float, float]] = (),
+    beam: ObliqueBeam | None = None,
 ) -> CapturesModel:
     """A differentiable model of the bench for samples that differ in thickness alone.
 
@@ -435,6 +482,7 @@ def captures_model(
         sublayers: of every sample from the top down: share of the thickness, and factors on the
             scattering and on the absorption coefficient; none for samples that are the same all
             through.
+        beam: directions of the beam; None takes it as upright and parallel, whatever the bench.
 
     Raises:
         InputError: samples of several indices, a scattering cover, bad moments, moments together
@@ -464,13 +512,16 @@ def captures_model(
     if second is not None and moments is not None:
         raise InputError("moments and a second lobe", "one of them", place="moments")
     form = Form(
-        streams, moments is not None, contact, mirrored, second is not None, bool(sublayers)
-    )
+        streams, moments is not None, contact, mirrored, second is not None, bool(sublayers),
+        beam is not None,
+    )  # fmt: skip
     geometry, light = _geometry(bench, given, streams)
     if second is not None:
         geometry = geometry._replace(second=TwoTerm(*second))
     if sublayers:
         geometry = geometry._replace(sublayers=sublayers_of(sublayers))
+    if beam is not None:
+        geometry = geometry._replace(beam=beam)
     around = _surroundings(bench, wavelength, n, geometry, streams.orders, moments)
     return CapturesModel(
         wavelength,
@@ -526,6 +577,9 @@ def _surroundings(
     below_n, below_depth = covers(tuple(reversed(bench.covers_below)))
     x = np.sqrt(1.0 - (1.0 - geometry.cone_cosine**2) / n**2)
     value, slope = legendre_cone(x, TAIL_ORDERS)
+    if isinstance(geometry.beam, ObliqueBeam):
+        blur = geometry.beam.blur(n, TAIL_ORDERS)
+        value, slope = value * blur, slope * blur
     table = np.zeros((count, TAIL_ORDERS))
     if moments is not None:
         own_moments = np.asarray(moments, dtype=np.float64)

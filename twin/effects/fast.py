@@ -70,7 +70,7 @@ class FastLight:
 
     def _model(self, bench: Bench, samples: tuple[Sample, ...], world: World) -> CapturesModel:
         """The model of a bench: reflectances and thicknesses are parameters and make no other."""
-        from twin.adding_doubling import captures_model
+        from twin.adding_doubling import ObliqueBeam, captures_model
 
         background = bench.background
         grey = {"black": NOTHING, "white": NOTHING, "gap_mm": background.gap_mm}
@@ -78,15 +78,38 @@ class FastLight:
         plain = bench.model_copy(update=fields)
         lobe = world.second_lobe
         layers = tuple((own.share, own.scattering, own.absorption) for own in world.sublayers)
-        key = (plain, samples, lobe, layers)
+        said = world.described_bench
+        moved = (plain.beam.divergence_deg, plain.beam.tilt_deg) != (
+            said.beam.divergence_deg, said.beam.tilt_deg,
+        )  # fmt: skip
+        oblique = moved or not (self.factors or plain.beam.straight)
+        key = (plain, samples, lobe, layers, said if oblique else None)
         if key not in self._models:
             if len(self._models) >= MOST_MODELS:
                 self._models.clear()
+            own = (plain.beam.divergence_deg, plain.beam.tilt_deg)
+            beam = ObliqueBeam(*self._beam(plain, said, samples), *own) if oblique else None
             self._models[key] = captures_model(
                 plain, samples, self.wavelength_nm, second=lobe if lobe[0] else None,
-                sublayers=layers,
+                sublayers=layers, beam=beam,
             )  # fmt: skip
         return self._models[key]
+
+    def _beam(
+        self, bench: Bench, said: Bench, samples: tuple[Sample, ...]
+    ) -> tuple[float, FloatArray]:
+        """Cosine of a beam, and shares of it that the empty bench collects, (S,).
+
+        The factors of the nominal bench have the share of the described beam in them.
+        """
+        from twin.transport.bench_captures import collected_share
+        from twin.transport.geometry import accepted_cosine, height_of_stack
+
+        heights = [height_of_stack(bench, sample) for sample in samples]
+        share = np.array([collected_share(bench, height) for height in heights])
+        if self.factors:
+            share = share / np.array([collected_share(said, height) for height in heights])
+        return accepted_cosine(bench), share
 
 
 NOTHING = Background(reflectance=0.0)

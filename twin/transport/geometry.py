@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from twin.bench import Background, Bench, Panel, Sample, stack_of
+from twin.errors import InputError
 from twin.spectra import FloatArray
 from twin.transport.engine import Outline, PanelShape, Setup
 
@@ -198,6 +199,46 @@ def beam_setup(bench: Bench) -> Setup:
     )
 
 
+def _accepted(bench: Bench) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Directions of the beam inside the detector's acceptance, by the midpoint rule.
+
+    Returns:
+        Q midpoints of 0 to 1; cosines from the axis on Q rings of Q accepted directions, (Q, Q);
+        accepted shares of the rings, (Q,); sine of the outermost ring.
+    """
+    divergence, tilt = math.radians(bench.beam.divergence_deg), math.radians(bench.beam.tilt_deg)
+    acceptance = math.radians(bench.detector.acceptance_deg)
+    outermost = min(math.sin(divergence), math.sin(min(acceptance + abs(tilt), math.pi / 2)))
+    grid: FloatArray = (np.arange(QUADRATURE) + 0.5) / QUADRATURE
+    sine = outermost * np.sqrt(grid)[:, None]
+    cosine = np.sqrt(1.0 - sine**2)
+    # Of a ring of directions around the axis, those from `first` on rise steeply enough.
+    leaning = math.sin(tilt) * sine
+    room = math.cos(tilt) * cosine - math.cos(acceptance) + 1e-12
+    first = np.arccos(np.clip(room / np.maximum(np.abs(leaning), 1e-300), -1.0, 1.0))
+    azimuth = first + (math.pi - first) * grid
+    up = math.cos(tilt) * cosine - np.abs(leaning) * np.cos(azimuth)
+    return grid, up, 1.0 - first[:, 0] / math.pi, outermost
+
+
+def accepted_cosine(bench: Bench) -> float:
+    """Cosine from the axis, in air, that stands for the beam's directions that are accepted.
+
+    That of their mean square sine: transmittances, smooth in it, are exact to its first order.
+
+    Raises:
+        InputError: none is accepted.
+    """
+    _, up, ring, _ = _accepted(bench)
+    if not np.any(ring > 0.0):
+        raise InputError(
+            f"a beam at {bench.beam.tilt_deg:g} degrees",
+            f"one inside the detector's acceptance of {bench.detector.acceptance_deg:g} degrees",
+            place="beam",
+        )
+    return float(np.sqrt(1.0 - np.average((1.0 - up**2).mean(axis=1), weights=ring)))
+
+
 def beam_reference_share(bench: Bench, stack_height_mm: float) -> float:
     """Share of the beam's power that the detector collects on the empty bench.
 
@@ -213,19 +254,10 @@ def beam_reference_share(bench: Bench, stack_height_mm: float) -> float:
     farthest = divergence + abs(tilt)
     if a + stack_height_mm * math.tan(farthest) <= spot and farthest <= acceptance:
         return 1.0
-    outermost = min(math.sin(divergence), math.sin(min(acceptance + abs(tilt), math.pi / 2)))
-    grid: FloatArray = (np.arange(QUADRATURE) + 0.5) / QUADRATURE
-    sine = outermost * np.sqrt(grid)[:, None]
-    cosine = np.sqrt(1.0 - sine**2)
-    # Of a ring of directions around the axis, those from `first` on rise steeply enough.
-    leaning = math.sin(tilt) * sine
-    room = math.cos(tilt) * cosine - math.cos(acceptance) + 1e-12
-    first = np.arccos(np.clip(room / np.maximum(np.abs(leaning), 1e-300), -1.0, 1.0))
-    azimuth = first + (math.pi - first) * grid
-    up = math.cos(tilt) * cosine - np.abs(leaning) * np.cos(azimuth)
+    grid, up, ring, outermost = _accepted(bench)
     shift = stack_height_mm * np.sqrt(1.0 - up**2) / up
     inside = _share_of_circles(a * np.sqrt(grid), shift[..., None], spot).mean(axis=(1, 2))
-    collected = float(np.mean((1.0 - first[:, 0] / math.pi) * inside))
+    collected = float(np.mean(ring * inside))
     return collected * (outermost / math.sin(divergence)) ** 2 if divergence else collected
 
 

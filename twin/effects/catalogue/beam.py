@@ -43,7 +43,7 @@ DIVERGENCE = Effect(
             limit=20.0,
         ),
     ),
-    engine="monte_carlo",
+    engine="plane",
     change=_divergence,
     plain=True,
 )
@@ -58,7 +58,7 @@ TILT = Effect(
             "tilt_deg", "deg", 0.0, 0.5, "positive", "from the axis", even=True, limit=20.0
         ),
     ),
-    engine="monte_carlo",
+    engine="plane",
     change=_tilt,
     plain=True,
 )

@@ -1,0 +1,50 @@
+"""What is left after an explanation: patterns that no smooth look sees, and controls."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis import fit
+from diagnosis.adequacy import adequacy
+
+LOOK = "alike in all repeats"
+
+
+def rest_with(toy, seed, size, by_repeat):
+    """Adequacy of no effect where captures have fringes of a size [standard deviations]."""
+    problem = toy.problem(seed)
+    null = fit(problem)
+    random = np.random.Generator(np.random.Philox(key=[seed, 9]))
+    shape = np.sign(np.sin(1.9 * np.arange(len(problem.wavelength_nm))))[:, None]
+    signs = random.choice([-1.0, 1.0], size=9)
+    weight = np.array([by_repeat[each.repeat] for each in problem.channels])
+    pattern = shape * null.predicted * np.tile(signs, len(by_repeat)) * weight
+    flat = null.reduction(pattern)
+    flat = flat * size / np.linalg.norm(flat)
+    found = adequacy(problem, replace(null, residual=null.residual + flat))
+    return {name: p for name, _, _, p in found.tests}, found
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_fringes_that_all_repeats_share_are_seen(linear_toy, seed):
+    looks, found = rest_with(linear_toy, seed, 14.0, (1.0, 1.0, 1.0))
+    assert looks[LOOK] < 1e-4
+    assert found.p < 0.01
+    assert not found.enough
+    # the same energy hides in everything else
+    assert looks[LOOK] < 0.1 * min(p for name, p in looks.items() if name != LOOK)
+
+
+def test_what_repeats_do_not_share_is_no_such_pattern(linear_toy):
+    looks, _ = rest_with(linear_toy, 3, 14.0, (1.0, -0.5, -0.5))
+    assert looks[LOOK] > 0.01
+
+
+def test_noise_alone_is_enough(linear_toy):
+    count = sum(not rest_with(linear_toy, 40 + seed, 0.0, (1.0, 1.0, 1.0))[1].enough
+                for seed in range(12))  # fmt: skip
+    # 1 % each: three of twelve are three in ten thousand
+    assert count <= 2

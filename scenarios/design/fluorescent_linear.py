@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from estimators.fluorescence.background import vertex
+from estimators.fluorescence.donaldson import SMOOTHER
 from scenarios.design.fluorescent_channels import Pool
 from scenarios.design.fluorescent_prior import Population
 from twin.errors import InputError
@@ -120,7 +121,7 @@ class LinearEstimates:
     def first_pass(
         self, rows: NDArray[np.intp], *, between: bool = False
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Without products, with the roughness of largest evidence.
+        """Without products, with the roughness that the estimator takes: by the evidence, smoother.
 
         Args:
             rows: directions, (m,).
@@ -135,16 +136,17 @@ class LinearEstimates:
         grid = np.log(np.array(self.population.roughness))
         tried = [_inverse(base + np.exp(2.0 * level) * self.rough[part]) for level in grid]
         each = np.array([_evidence(values, *one) for one in tried])
-        best = each.mean(axis=2).argmax(axis=0)
+        means = each.mean(axis=2)
+        best = means.argmax(axis=0)
         level = grid[best]
         if between:
-            means = each.mean(axis=2)
             level = np.array([vertex(grid, means[:, b], int(n)) for b, n in enumerate(best)])
-            tried = [_inverse(base + np.exp(2.0 * own) * self.rough[part]) for own in level]
-            best = np.arange(len(values))
-        inverses = np.array([tried[n][0] for n in best])
+        level = level + np.log(SMOOTHER)
+        taken, own = np.unique(level, return_inverse=True)
+        tried = [_inverse(base + np.exp(2.0 * each) * self.rough[part]) for each in taken]
+        inverses = np.array([tried[n][0] for n in own])
         evidence = np.array(
-            [_evidence(own, *tried[n]) for own, n in zip(values, best, strict=True)]
+            [_evidence(value, *tried[n]) for value, n in zip(values, own, strict=True)]
         )
         return np.exp(level), values @ inverses, inverses, evidence
 

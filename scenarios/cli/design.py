@@ -8,7 +8,7 @@ import typer
 
 from scenarios.cli.guard import guarded
 from scenarios.cli.options import JsonOption, OutOption, QuietOption
-from scenarios.sweep.options import EngineOption, SchedulerOption, WorkersOption
+from scenarios.sweep.options import EngineOption, SchedulerOption, WorkersOption, workers_of
 
 
 def design(
@@ -35,15 +35,13 @@ def design(
     """
     from scenarios.commands.design import design_file
     from scenarios.console import Console
-    from scenarios.sweep import Workers
 
-    name: Any = engine or ("dask" if scheduler else "joblib" if workers > 1 else "serial")
     return design_file(
         goal,
         out=out,
         quick=quick,
         simulate=simulate,
-        workers=Workers(engine=name, count=workers, scheduler=scheduler),
+        workers=workers_of(engine, workers, scheduler),
         as_json=as_json,
         console=Console(quiet=quiet),
     )

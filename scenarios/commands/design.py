@@ -43,6 +43,8 @@ def design_file(
     from scenarios.report_design import design_page
 
     asked, parts = load_goal(goal, quick=quick)
+    if simulate:
+        workers.check()
     folder = prepare_folder(out or Path(f"benchtwin-design-{Path(goal).stem}"))
     found = study(
         asked, parts, folder=folder / SIMULATIONS if simulate else None, workers=workers,

@@ -17,7 +17,9 @@ fitted to simulations.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -173,17 +175,23 @@ def _predicted(
     lower, diagonal = np.zeros((size, batch)), np.zeros((size, batch))
     lab = np.zeros((size, batch, draws, population.cells.excitation_nm.size, 3))
     truth = population.truth[:, None]
-    for pool in groups:
-        linear = LinearEstimates.of(pool, population)
-        method = FittedEstimates(linear, steps) if steps else linear
-        for begin in range(0, len(pool.members), CHUNK):
-            chosen = pool.members[begin : begin + CHUNK]
-            numbers = list(pool.candidates[begin : begin + CHUNK])
-            estimate = method.estimates(chosen)
-            error = (estimate - truth) ** 2
-            lower[numbers] = np.sqrt(error[..., :count].mean(axis=-1)).mean(axis=-1)
-            diagonal[numbers] = np.sqrt(error[..., count:].mean(axis=-1)).mean(axis=-1)
-            lab[numbers] = _lab(population, estimate)
+
+    def judge(part: tuple[LinearEstimates | FittedEstimates, Pool, int]) -> None:
+        method, pool, begin = part
+        numbers = list(pool.candidates[begin : begin + CHUNK])
+        estimate = method.estimates(pool.members[begin : begin + CHUNK])
+        error = (estimate - truth) ** 2
+        lower[numbers] = np.sqrt(error[..., :count].mean(axis=-1)).mean(axis=-1)
+        diagonal[numbers] = np.sqrt(error[..., count:].mean(axis=-1)).mean(axis=-1)
+        lab[numbers] = _lab(population, estimate)
+
+    # candidates know nothing of each other: any number of threads gives the same numbers
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as threads:
+        for pool in groups:
+            linear = LinearEstimates.of(pool, population)
+            method = FittedEstimates(linear, steps) if steps else linear
+            begins = range(0, len(pool.members), CHUNK)
+            list(threads.map(judge, [(method, pool, begin) for begin in begins]))
     if steps:
         lower *= SEARCH
     return FluorescentPrediction(lower, diagonal, _colour(population, lab))

@@ -245,5 +245,7 @@ def _inverse(covariance: FloatArray) -> tuple[FloatArray, float]:
         )  # fmt: skip
     logarithm = 2.0 * float(np.log(np.diagonal(factor)).sum())
     half, _ = dpotri(factor, lower=1)
-    lower = np.tril(half)
-    return lower + np.tril(half, -1).T, logarithm
+    # above the diagonal are the zeros of the factor
+    whole = half + half.T
+    whole.flat[:: len(whole) + 1] *= 0.5
+    return whole, logarithm

@@ -28,6 +28,12 @@ def versions() -> dict[str, str]:
     return {name: version(name) for name in LIBRARIES} | {"benchtwin": code_of(*PACKAGES)[:12]}
 
 
+def check_cluster(workers: Workers) -> None:
+    """Raise InputError unless the scheduler answers and its workers are as this process."""
+    with _client(_library(), workers) as client:
+        _check_versions(client, workers.scheduler or "the local cluster")
+
+
 def answers_of_cluster(
     task: str, jobs: Sequence[tuple[int, str]], workers: Workers, say: Callable[[str], None]
 ) -> Iterator[Answer]:

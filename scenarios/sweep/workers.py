@@ -55,6 +55,17 @@ class Workers:
         """How many processes of this machine work."""
         return 1 if self.engine == "serial" else self.count or os.cpu_count() or 1
 
+    def check(self) -> None:
+        """Ask a scheduler of one's own now, before long work whose points it is to get.
+
+        Raises:
+            InputError: as `answers`.
+        """
+        if self.scheduler:
+            from scenarios.sweep.cluster import check_cluster
+
+            check_cluster(self)
+
     def answers(
         self, task: str, jobs: Sequence[Job], say: Callable[[str], None] = lambda text: None
     ) -> Iterator[Answer]:

@@ -129,12 +129,36 @@ def test_bad_input_is_one_clear_error(tmp_path: Path) -> None:
     quiet = Workers(engine="dask", scheduler="tcp://127.0.0.1:9", patience_s=0.5)
     with pytest.raises(InputError, match=r"no answer from tcp://127\.0\.0\.1:9 within 0\.5 s"):
         run(tmp_path, workers=quiet)
+    with pytest.raises(InputError, match="no answer from"):
+        quiet.check()
     foreign = tmp_path / "foreign" / LEDGER
     foreign.parent.mkdir()
     foreign.write_bytes(b"no ledger at all" * 100)
     with pytest.raises(InputError, match="no ledger"):
         run(foreign.parent)
     assert foreign.read_bytes() == b"no ledger at all" * 100
+
+
+def test_a_full_disk_keeps_what_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SQLite is told that the disk ends a few pages on; there is room again afterwards."""
+    begun = Ledger.__init__
+
+    def small(self: Ledger, path: Path) -> None:
+        begun(self, path)
+        self._base.execute("PRAGMA wal_autocheckpoint=1")
+        pages = self._base.execute("PRAGMA page_count").fetchone()[0]
+        self._base.execute(f"PRAGMA max_page_count={pages + 2}")
+
+    points = [{"x": x} for x in range(60)]
+    with monkeypatch.context() as patch:
+        patch.setattr(Ledger, "__init__", small)
+        with pytest.raises(InputError, match=r"no space for another result.*what is there is kept"):
+            run(tmp_path, points)
+    with closing(sqlite3.connect(tmp_path / LEDGER)) as base:
+        kept = len(base.execute(RECORDED).fetchall())
+    assert 0 < kept < len(points)
+    whole = run(tmp_path, points)
+    assert [float(each["square"]) for each in whole.results()] == [x**2 for x in range(60)]
 
 
 def test_a_ledger_has_one_writer(tmp_path: Path) -> None:

@@ -145,6 +145,19 @@ def test_a_dark_that_white_and_sample_share_counts_once(name):
     assert np.mean(controls) < 0.85
 
 
+def test_captures_below_zero_by_noise_are_kept_and_counted():
+    """Clipped, they would pull dark captures up by what noise adds."""
+    data = corrected(simulate_fluorescence(named_setup("l1-s1"), example("pink_paper"), seed=2))
+    below = int((data.value[data.valid] < 0.0).sum())
+    assert below > 0
+    assert f"{below} captures are below 0 by noise and left so" in data.reasons
+    dark = data.valid & (data.system.captures(data.truth) < 1e-4 * data.value.max())
+    error = (data.value - data.system.captures(data.truth))[dark]
+    sigma = np.sqrt(data.variance[dark])
+    pull = error.mean() / (np.sqrt((sigma**2).sum()) / dark.sum())
+    assert abs(pull) < 4.0
+
+
 def test_noise_is_realistic_and_relative_to_the_brightest_small():
     data = corrected(simulate_fluorescence(named_setup("l1-s2"), example("pink_paper")))
     sigma = np.sqrt(np.diag(data.covariance)).reshape(data.value.shape)

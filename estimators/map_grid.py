@@ -333,7 +333,8 @@ def _bend_along(cube: FloatArray, run: FloatArray, index: int) -> FloatArray:
 
 def _along(axis: FloatArray, run: FloatArray, scale: Any, place: FloatArray) -> FloatArray:
     """Values of one axis at places (...); `run` are its nodes on their scale."""
-    cell = _cell(np.floor(place).astype(np.int64), axis)
+    known = np.where(np.isnan(place), 0.0, place)
+    cell = _cell(np.floor(known).astype(np.int64), axis)
     fraction = place - cell
     low, high = run[cell], run[cell + 1]
     with np.errstate(invalid="ignore"):

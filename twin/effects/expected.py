@@ -211,18 +211,22 @@ def _ratios(world: World, rates: Rates, plan: Readout) -> FloatArray:
     """Counts of the world's instrument, corrected as described, over their references."""
     true, said = world.bench.instrument, world.described_bench.instrument
     linear = np.empty_like(rates.light)
-    for capture in range(len(LIT)):
-        for sample, light in enumerate(rates.light[:, capture]):
-            seconds, gain = plan.integration_s[sample, capture], plan.gain[sample, capture]
-            own, described = _at(true, gain), _at(said, gain)
-            stray = own.stray_light_fraction if own.has("stray_light") else 0.0
-            warm = own.dark_current_electrons_per_s if own.has("dark_current") else 0.0
-            budget = (1.0 - stray) * light + stray * light.mean() + warm
-            counts = counts_of_electrons(own, budget * seconds) + world.offset_counts
-            dark = counts_of_electrons(own, warm * seconds)
-            charge = electrons_of_counts(described, counts) - electrons_of_counts(described, dark)
-            undone = described.stray_light_fraction if described.has("stray_light") else 0.0
-            linear[sample, capture] = (charge - undone * charge.mean()) / seconds
+    # a fit may ask for a detector that cannot be: what is no number is refused below
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        for capture in range(len(LIT)):
+            for sample, light in enumerate(rates.light[:, capture]):
+                seconds, gain = plan.integration_s[sample, capture], plan.gain[sample, capture]
+                own, described = _at(true, gain), _at(said, gain)
+                stray = own.stray_light_fraction if own.has("stray_light") else 0.0
+                warm = own.dark_current_electrons_per_s if own.has("dark_current") else 0.0
+                budget = (1.0 - stray) * light + stray * light.mean() + warm
+                counts = counts_of_electrons(own, budget * seconds) + world.offset_counts
+                dark = counts_of_electrons(own, warm * seconds)
+                charge = electrons_of_counts(described, counts) - electrons_of_counts(
+                    described, dark
+                )
+                undone = described.stray_light_fraction if described.has("stray_light") else 0.0
+                linear[sample, capture] = (charge - undone * charge.mean()) / seconds
     if not np.all(np.isfinite(linear)):
         raise InputError(
             "counts that no charge gives", "a curve of the detector that can be undone"

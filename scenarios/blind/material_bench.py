@@ -110,8 +110,23 @@ class MaterialBench:
             wavelength = scenario.wavelength.wavelength_nm
             light = light_of(world, wavelength, self.suite.paths, seed)
         noise = _integer(stream(self.suite, self.number, NOISE, place))
-        visit = next(iter(world_visits(scenario, world, light, [noise])))
-        return stripped(visit), self._label(arm, drawn, drift)
+        visit = stripped(next(iter(world_visits(scenario, world, light, [noise]))))
+        return visit, self._label(arm, drawn, drift, self._seen_in(visit))
+
+    def _seen_in(self, visit: Measurement) -> Visibility:
+        """What is visible in one visit: by its own covariance, which its light decides too."""
+        from diagnosis.translucent import translucent_case
+        from scenarios.blind.visible import Visibility
+        from twin.effects import Catalogue
+
+        known, maps = self.seen.case, maps_of(self.suite, visit.bench, visit.samples)
+        material = self.seen.material
+        bare = translucent_case(visit, effects=Catalogue(()), maps=maps, material=material).problem
+        if bare.channels != known.problem.channels:
+            return self.seen
+        own = known.problem
+        problem = replace(bare, signatures=own.signatures, candidates=own.candidates)
+        return Visibility(replace(known, problem=problem), material)
 
     def _drawn(self, arm: str, draw: np.random.Generator) -> list[Drawn]:
         """The effects of an arm with their values."""
@@ -180,7 +195,9 @@ class MaterialBench:
         order = [names[i] for i in draw.permutation(len(names))]
         return [families[name][int(draw.integers(len(families[name])))] for name in order]
 
-    def _label(self, arm: str, drawn: list[Drawn], drift: float) -> dict[str, Any]:
+    def _label(
+        self, arm: str, drawn: list[Drawn], drift: float, seen: Visibility
+    ) -> dict[str, Any]:
         from diagnosis import TOLD_APART
 
         without = drawn[0].candidate.effect.name if arm == "removed" else ""
@@ -199,8 +216,8 @@ class MaterialBench:
                     "away": [
                         v - n for v, n in zip(each.values, each.candidate.nominal, strict=True)
                     ],
-                    "visibility": each.visibility,
-                    "alike": list(self.seen.look_alikes(each)) if inside else [],
+                    "visibility": float(np.linalg.norm(seen.reduced(each.response))),
+                    "alike": list(seen.look_alikes(each)) if inside else [],
                 }
                 for each in drawn
             ],
@@ -208,14 +225,14 @@ class MaterialBench:
             "separability": None,
             "nearest": [],
             "alike": [],
-            "apart": self.seen.apart(*drawn) if len(drawn) == 2 else None,
+            "apart": seen.apart(*drawn) if len(drawn) == 2 else None,
         }
         if arm in ("outside", "removed") and drawn:
-            names, distance = self.seen.nearest(total, without)
+            names, distance = seen.nearest(total, without)
             label |= {
                 "separability": distance,
                 "nearest": list(names),
-                "alike": list(self.seen.alike(total, without, TOLD_APART)),
+                "alike": list(seen.alike(total, without, TOLD_APART)),
             }
         return label
 

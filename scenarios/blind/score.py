@@ -131,19 +131,24 @@ def _amplitudes(record: Record, answer: Answer) -> list[float]:
 
 
 def _probabilities(visible: Sequence[Record]) -> dict[str, float | None]:
-    """Brier and log score of the probabilities of all effects and the unknown."""
-    brier, log = [], []
+    """Brier and log score of the probabilities of all effects and the unknown.
+
+    And the mean probability of the leading effect: as often it should be the right one.
+    """
+    brier, log, leader = [], [], []
     for record in visible:
         share = dict(record.outcome["probability"])
         none = record.outcome["no_gap_probability"] or 0.0
         share["none of these"] = record.outcome["unknown_probability"] or 0.0
         if record.outcome["verdict"] != "no_gap":
             share = {name: value * (1.0 - none) for name, value in share.items()}
+        named = [value for name, value in share.items() if name != "none of these"]
+        leader.append(max(named, default=0.0))
         truth = record.truth[0]
         share.setdefault(truth, 0.0)
         brier.append(sum((value - (name == truth)) ** 2 for name, value in share.items()))
         log.append(-float(np.log(max(share[truth], LEAST_PROBABILITY))))
-    return {"brier": _mean(brier), "log_score": _mean(log)}
+    return {"brier": _mean(brier), "log_score": _mean(log), "top1_stated": _mean(leader)}
 
 
 def _closures(records: Sequence[Record]) -> dict[str, Any]:

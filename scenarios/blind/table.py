@@ -20,6 +20,7 @@ NUMBERS = (
     ("set_size", "effects in the 90 % set", "at most 2"),
     ("closure_regret", "closure lost against one who knows the effect", "at most 0.1"),
     ("closure_coverage", "true closure within its 90 % interval", "0.85 to 0.95"),
+    ("top1_stated", "probability that is stated for the first effect", ""),
     ("brier", "Brier score", ""),
     ("log_score", "log score [nat]", ""),
     ("abstention", "cannot tell, though visible", ""),

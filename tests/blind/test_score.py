@@ -72,6 +72,7 @@ def test_every_line_is_counted() -> None:
     assert figures["false_alarm_rate_usual"] == 0.0
     assert figures["false_alarm_rate_drift"] == 1.0
     assert figures["top1"] == 0.5
+    assert figures["top1_stated"] == pytest.approx((0.9 + 0.6) / 2)
     assert figures["group_accuracy"] == 0.5
     assert figures["set_coverage"] == 1.0
     assert figures["set_size"] == 1.5

@@ -16,7 +16,8 @@ from scenarios.report.map_plot import ALBEDOS, SIGMAS
 from twin.spectra import FloatArray
 
 if TYPE_CHECKING:
-    from twin.adding_doubling.model import CapturesModel, Parts
+    from twin.adding_doubling.model import CapturesModel
+    from twin.adding_doubling.terms import Parts
     from twin.bench import Bench
 
 CONTOURS = (0.0, *ALBEDOS)
@@ -65,7 +66,7 @@ def grid_model(bench: Bench, wavelength_nm: float, n: float) -> CapturesModel:
 
 def parts_grid(model: CapturesModel, g: float) -> Parts:
     """What captures are made of, arrays of shape (A, T)."""
-    from twin.adding_doubling.model import Parts
+    from twin.adding_doubling.terms import Parts
 
     found = model.parts(model.parameters(ALBEDO, 1.0, g))
     return Parts(*(np.asarray(each) for each in found))

@@ -79,16 +79,16 @@ def test_many_threads_do_not_lock_each_other(model, parameters) -> None:  # type
 
 def test_nothing_compiles_again_for_other_numbers(model, parameters) -> None:  # type: ignore[no-untyped-def]
     """Neither for another material nor for another bench of the same make."""
-    import twin.adding_doubling.model as program
+    from twin.adding_doubling.program import compiled_forward
 
     model.forward(parameters)
-    before = program._forward._cache_size()
+    before = compiled_forward._cache_size()
     for factor in (0.5, 0.7, 0.9):
         model.forward(parameters._replace(albedo=factor * parameters.albedo))
     other = Bench(detector=Detector(acceptance_deg=2.0))
     thicker = [Sample(name=f"{i}", thickness_mm=1.0 + i) for i in range(len(model.nominal[4]))]
     captures_model(other, thicker, model.wavelength_nm).forward(parameters)
-    assert program._forward._cache_size() == before
+    assert compiled_forward._cache_size() == before
 
 
 def test_without_medium_beer_fresnel_and_background_remain() -> None:

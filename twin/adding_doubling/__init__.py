@@ -12,19 +12,17 @@ from twin.adding_doubling.runtime import prepare_jax
 prepare_jax()
 
 from twin.adding_doubling.captures import STATED_BOUND, captures  # noqa: E402
-from twin.adding_doubling.model import (  # noqa: E402
-    CapturesModel,
+from twin.adding_doubling.model import CapturesModel, captures_model  # noqa: E402
+from twin.adding_doubling.program import parts_of, value_and_slopes  # noqa: E402
+from twin.adding_doubling.slab import SlabOptics, slab_optics  # noqa: E402
+from twin.adding_doubling.streams import Streams, make_streams  # noqa: E402
+from twin.adding_doubling.terms import (  # noqa: E402
     Constants,
     Form,
     ObliqueBeam,
     Parameters,
     Parts,
-    captures_model,
-    parts_of,
-    value_and_slopes,
 )
-from twin.adding_doubling.slab import SlabOptics, slab_optics  # noqa: E402
-from twin.adding_doubling.streams import Streams, make_streams  # noqa: E402
 
 __all__ = [
     "STATED_BOUND",

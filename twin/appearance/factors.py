@@ -16,7 +16,7 @@ from twin.spectra import FloatArray
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from twin.adding_doubling.model import Parts
+    from twin.adding_doubling.terms import Parts
     from twin.appearance.table import AppearanceMap
 
 DIRECT, ONCE_BLACK, ONCE_WHITE, OVER_WHITE, SCATTERED = range(5)

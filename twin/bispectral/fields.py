@@ -31,10 +31,10 @@ from twin.adding_doubling.layer import (
     polynomials,
 )
 from twin.adding_doubling.linear import solve_positive
-from twin.adding_doubling.model import BY_WAVELENGTH, Constants, Form, Geometry, Parameters
-from twin.adding_doubling.model import Surroundings as Surroundings
 from twin.adding_doubling.phase import delta_m, henyey_greenstein_moments
 from twin.adding_doubling.streams import gauss
+from twin.adding_doubling.terms import BY_WAVELENGTH, Constants, Form, Geometry, Parameters
+from twin.adding_doubling.terms import Surroundings as Surroundings
 from twin.spectra import FloatArray
 
 PANELS, DETECTOR, BACKGROUND, BEAM = range(4)

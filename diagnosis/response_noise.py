@@ -29,9 +29,6 @@ DRAWS = 4
 class Responses(Protocol):
     """What is asked of an engine: how well it knows a signature."""
 
-    def paths(self, candidate: Candidate) -> int:
-        """Light paths of an effect's responses."""
-
     def signature_error(self, candidate: Candidate, material: FloatArray) -> FloatArray:
         """Standard error of an effect's signature, (k, W, S, 3)."""
 
@@ -52,9 +49,20 @@ class Loudness(NamedTuple):
         """Whether an effect can be tested with it."""
         return self.noise <= LOUD_NOISE or self.signal >= TOLD_FROM_NOISE * self.noise
 
+    def doubt(self, paths: int) -> str:
+        """Why an effect cannot be tested with it, a response of so many light paths; "" if sure."""
+        if self.sure:
+            return ""
+        return (
+            f"its response is not known well enough: {self.signal:.1f} sigma for one prior scale,"
+            f" of which {self.noise:.1f} may be noise of the {paths} light paths"
+        )
+
     @property
     def times_wanted(self) -> int:
         """How many times the paths would make it well known: a power of 2; 1: it is, or cannot."""
+        if not math.isfinite(self.signal + self.noise):
+            return 1
         true = math.sqrt(max(self.signal**2 - self.noise**2, 0.0))
         wanted = (self.noise / max(LOUD_NOISE, true / WELL_KNOWN)) ** 2
         if wanted <= 1.0:
@@ -97,24 +105,3 @@ def loudness(
     drawn = (error * random.standard_normal(error.shape) for _ in range(DRAWS))
     noise = float(np.mean([squared(one[..., place]) for one in drawn]))
     return Loudness(math.sqrt(squared(signature)), math.sqrt(noise))
-
-
-def response_doubt(
-    engine: Responses,
-    suspect: Candidate,
-    material: FloatArray,
-    signature: FloatArray,
-    place: np.ndarray,
-    reduction: Reduction,
-) -> str:
-    """Why an effect cannot be tested with the Monte Carlo's response to it; "" where it can.
-
-    Arguments are those of `loudness`.
-    """
-    found = loudness(engine, suspect, material, signature, place, reduction)
-    if found.sure:
-        return ""
-    return (
-        f"its response is not known well enough: {found.signal:.1f} sigma for one prior scale,"
-        f" of which {found.noise:.1f} may be noise of the {engine.paths(suspect)} light paths"
-    )

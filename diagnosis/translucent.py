@@ -13,7 +13,7 @@ from diagnosis.kept import KeptEngine
 from diagnosis.problem import Channel, EffectValues, Problem, Smoothness
 from diagnosis.reduction import Reduction
 from diagnosis.refit import fit
-from diagnosis.response_noise import loudness, response_doubt
+from diagnosis.response_noise import Loudness, loudness
 from diagnosis.suspects import candidate_of, judgeable
 from twin.effects import Candidate as Suspect
 from twin.effects import Catalogue, EffectEngine, LeftOut, Readout, World, catalogue
@@ -127,13 +127,17 @@ def translucent_case(
     at = physical(fitted)
     reduction = Reduction.of(bare, bare.jacobian(fitted, {}))
 
+    heard: dict[str, Loudness] = {}
+
     def taken(suspect: Suspect) -> FloatArray:
         own = engine.signature(suspect, at)
-        return np.asarray(own.reshape(*own.shape[:2], -1)[..., place])
+        seen = np.asarray(own.reshape(*own.shape[:2], -1)[..., place])
+        heard[suspect.name] = loudness(engine, suspect, at, seen, place, reduction)
+        return seen
 
     def signature(suspect: Suspect) -> FloatArray:
         own = taken(suspect)
-        times = loudness(engine, suspect, at, own, place, reduction).times_wanted
+        times = heard[suspect.name].times_wanted
         if times == 1:
             return own
         engine.more_paths[suspect.name] = times * paths
@@ -144,7 +148,7 @@ def translucent_case(
         signature,
         data.value.shape,
         left_out=left_out,
-        doubt=lambda suspect, own: response_doubt(engine, suspect, at, own, place, reduction),
+        doubt=lambda suspect, _: heard[suspect.name].doubt(engine.paths(suspect)),
         say=say,
         progress=progress,
     )

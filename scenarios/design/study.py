@@ -16,14 +16,11 @@ from scenarios.design.parts import ESTIMATE, Parts
 from scenarios.design.predictor import Predictor, TranslucentPredictor
 from scenarios.design.robust import Robustness, robustness
 from scenarios.design.search import Found, search
-from scenarios.design.verified import PARAMETERS, Verified
+from scenarios.design.verified import PARAMETERS, Verified, meets
 from scenarios.design.verify import verify
 from scenarios.design.wording import verdict
 from scenarios.sweep import Workers
 from twin.errors import InputError
-
-CLEAR = 2.0
-"""Standard errors beyond which a simulated figure is above or below its target."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,14 +84,11 @@ class Study:
             return "failed"
         if not each.figures:
             return "open"
-        found = "yes"
-        for name, (value, error) in each.figures.items():
-            target = getattr(self.goal.targets, name)
-            if value - CLEAR * error > target:
-                return "no"
-            if value > target:
-                found = "open"
-        return found
+        said = {
+            meets(value, error, getattr(self.goal.targets, name))
+            for name, (value, error) in each.figures.items()
+        }
+        return next(state for state in ("no", "open", "yes") if state in said)
 
     def verdict(self) -> str:
         """The answer, whether its simulation confirms it, and what it is made of."""

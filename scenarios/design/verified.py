@@ -13,6 +13,21 @@ from twin.spectra import FloatArray
 PARAMETERS = ("albedo", "sigma_t_per_mm", "g")
 AGREES = (0.85, 1.15)
 """Ratios of actual to predicted errors within which both agree."""
+CLEAR = 2.0
+"""Standard errors beyond which a simulated figure is above its target."""
+
+
+def meets(value: float, error: float, target: float) -> str:
+    """Whether a simulated figure meets its target: "yes", "no", or "open", above but not clearly.
+
+    Args:
+        value: the figure, in the target's unit.
+        error: its standard error.
+        target: the largest that is good enough.
+    """
+    if value <= target:
+        return "yes"
+    return "no" if value - CLEAR * error > target else "open"
 
 
 @dataclass(frozen=True, eq=False)

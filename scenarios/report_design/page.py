@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import resources
 from typing import TYPE_CHECKING
 
+from scenarios.design.verified import meets
 from scenarios.design.wording import FIGURES, headline, input_title, made_of, simulation
 from scenarios.report_design.plots import draw_front, draw_limits, draw_verification
 
@@ -96,7 +97,7 @@ def _targets(study: Study) -> list[list[str]]:
         row = [FIGURES[name], f"{target:g}", f"{value:.3g}", "yes" if value <= target else "no"]
         if name in figures:
             seen, error = figures[name]
-            row += [f"{seen:.3g} ± {error:.1g}", "yes" if seen <= target else "no"]
+            row += [f"{seen:.3g} ± {error:.1g}", meets(seen, error, target)]
         elif figures:
             row += ["-", "-"]
         rows.append(row)

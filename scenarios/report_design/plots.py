@@ -55,10 +55,11 @@ def draw_front(study: Study) -> str:
                 label="greedy path",
             )  # fmt: skip
         for number, (name, own, figures) in enumerate(study.compared):
+            title = study.parts.assembly(name).title
             score = float((np.array(figures) / study.goal.targets.values).max())
             axis.plot(
                 own.price(study.parts), score, marker="D", ms=8, ls="", mec=INK,
-                color=(PURPLE, GREEN, VERMILION)[number % 3], label=literal(name),
+                color=(PURPLE, GREEN, VERMILION)[number % 3], label=literal(title),
             )  # fmt: skip
         answer = study.answer
         axis.plot(

@@ -68,10 +68,15 @@ def unit_text(unit: str) -> str:
     return "" if unit in ("", "1") else f" {unit}"
 
 
-def values_text(effect: RankedEffect) -> str:
-    """Parameters of an effect with standard errors and units."""
+def values_text(effect: RankedEffect, between: str = "") -> str:
+    """Parameters of an effect, as deviations from nominal, with standard errors and units.
+
+    Args:
+        effect: with its values.
+        between: words between name and value, where no heading says that it is a deviation.
+    """
     return ", ".join(
-        f"{p.name} {number(p.value, p.sd)}{unit_text(p.unit)}" for p in effect.parameters
+        f"{p.name} {between}{number(p.value, p.sd)}{unit_text(p.unit)}" for p in effect.parameters
     )
 
 
@@ -92,7 +97,7 @@ def headline(found: Diagnosis, named: Named) -> str:
     if found.verdict == "none_of_these":
         return f"A gap that no effect of the catalogue explains: {found.reason}."
     leading = [by_name[name] for name in found.leading if name in by_name]
-    said = "; and ".join(f"{named(e.name)} ({values_text(e)})" for e in leading)
+    said = "; and ".join(f"{named(e.name)} ({values_text(e, 'off by ')})" for e in leading)
     if found.verdict == "group":
         others = [named(name) for name in group_of(found) if name not in found.leading]
         listed = "; ".join(dict.fromkeys(others))

@@ -12,6 +12,7 @@ import pytest
 
 from diagnosis.extras import extras_of, minutes_of_a_sample
 from diagnosis.proposals import with_proposals
+from diagnosis.response_noise import Loudness
 from diagnosis.rounds import Accepted, Rounds, diagnose_rounds
 from diagnosis.translucent import translucent_case
 from scenarios.report_diagnosis import Named, as_json, diagnosis_page, terminal
@@ -77,17 +78,22 @@ def test_what_was_left_out_is_told_with_its_reason(found: Rounds, measured: Meas
 def test_a_response_that_is_not_known_well_enough_is_left_out(
     measured: Measurement, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def doubt(engine, suspect, material, signature, place, reduction):  # type: ignore[no-untyped-def]
+    def heard(engine, suspect, material, signature, place, reduction):  # type: ignore[no-untyped-def]
         assert signature.shape == (1, len(material), len(place))
         assert np.any(reduction(np.moveaxis(signature, 0, -1)))
-        return "mostly noise" if suspect.name == "black_level" else ""
+        return Loudness(1.0, 9.0) if suspect.name == "black_level" else Loudness(9.0, 0.0)
 
-    monkeypatch.setattr("diagnosis.translucent.response_doubt", doubt)
+    monkeypatch.setattr("diagnosis.translucent.loudness", heard)
     said: list[str] = []
     effects = small_catalogue().without(["drift", "thickness", "stray_light"])
     case = translucent_case(measured, effects=effects, folder=tmp_path, say=said.append)
-    assert [(each.name, each.reason) for each in case.left_out] == [("black_level", "mostly noise")]
-    assert "left out: black_level: mostly noise" in said
+    assert [each.name for each in case.left_out] == ["black_level"]
+    reason = case.left_out[0].reason
+    assert reason.startswith("its response is not known well enough: 1.0 sigma for one prior scale")
+    assert reason.endswith("9.0 may be noise of the 65536 light paths"), (
+        "8 times as many were tried"
+    )
+    assert f"left out: black_level: {reason}" in said
     assert [each.name for each in case.suspects] == [c.name for c in case.problem.candidates]
     assert "refractive_index" in [each.name for each in case.suspects]
 

@@ -13,7 +13,7 @@ from diagnosis.response_noise import (
     MOST_TIMES,
     TOLD_FROM_NOISE,
     Loudness,
-    response_doubt,
+    loudness,
 )
 from diagnosis.suspects import Judgeable, candidate_of, judgeable
 from twin.effects import Candidate, Effect, EffectParameter, LeftOut
@@ -44,9 +44,6 @@ class Known:
 
     error: FloatArray
     asked: list[str] = field(default_factory=list)
-
-    def paths(self, candidate: Candidate) -> int:
-        return 64
 
     def signature_error(self, candidate: Candidate, material: FloatArray) -> FloatArray:
         assert material is MATERIAL
@@ -83,7 +80,8 @@ def of_loudness(sigma: float) -> FloatArray:
 def doubt(signal: float, noise: float, slope: FloatArray | None = None) -> str:
     engine = Known(of_loudness(noise)[..., : 3 * S].reshape(1, W, S, 3))
     signature = of_loudness(signal)
-    return response_doubt(engine, suspect(), MATERIAL, signature, PLACE, reduction(slope))
+    heard = loudness(engine, suspect(), MATERIAL, signature, PLACE, reduction(slope))
+    return heard.doubt(64)
 
 
 def test_a_response_that_is_mostly_noise_is_doubted_in_numbers() -> None:
@@ -124,6 +122,7 @@ def test_noise_that_the_material_takes_up_does_no_harm() -> None:
         (np.hypot(8.0, 8.0), 8.0, MOST_TIMES),  # not well known even so, but told from noise
         (1.0, 2.5, MOST_TIMES),  # harmless with as many
         (60.0, 60.0, MOST_TIMES),  # as much may be true as is noise
+        (np.inf, 0.0, 1),  # not the Monte Carlo's
     ],
 )
 def test_paths_are_asked_for_where_they_help(signal: float, noise: float, times: int) -> None:
@@ -138,6 +137,7 @@ def test_no_paths_are_spent_on_a_response_that_stays_unknown(
     monkeypatch.setattr("diagnosis.response_noise.MOST_TIMES", 2)
     assert Loudness(60.0, 60.0).times_wanted == 1
     assert Loudness(2.0, 2.5).times_wanted == 1
+    assert Loudness(np.nan, 1.0).times_wanted == 1, "what is no number is said elsewhere"
 
 
 def test_repeats_share_the_noise_of_their_response() -> None:
@@ -152,13 +152,11 @@ def test_repeats_share_the_noise_of_their_response() -> None:
 def test_only_responses_of_the_monte_carlo_are_asked_for_their_noise() -> None:
     engine = Known(np.full((1, W, S, 3), 1e3))
     for kind in ("plane", "signal"):
-        found = response_doubt(
-            engine, suspect(kind), MATERIAL, of_loudness(0.1), PLACE, reduction()
-        )
-        assert found == ""
+        found = loudness(engine, suspect(kind), MATERIAL, of_loudness(0.1), PLACE, reduction())
+        assert found.doubt(64) == ""
     assert engine.asked == []
-    noisy = response_doubt(engine, suspect(), MATERIAL, of_loudness(0.1), PLACE, reduction())
-    assert "not known well enough" in noisy
+    noisy = loudness(engine, suspect(), MATERIAL, of_loudness(0.1), PLACE, reduction())
+    assert "not known well enough" in noisy.doubt(64)
     assert engine.asked == ["haze"]
 
 

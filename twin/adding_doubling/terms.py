@@ -112,7 +112,12 @@ class ObliqueBeam(NamedTuple):
     def blur(self, n: FloatArray, count: int) -> FloatArray:
         """By what the beam weakens Legendre orders of what is scattered, (W, count).
 
-        Addition theorem: the mean over a cone of directions, times P_l of its axis.
+        The mean over a cone of directions, times P_l of its axis (addition theorem of Legendre
+        polynomials, averaged over azimuth).
+
+        Args:
+            n: refractive index of the sample, (W,).
+            count: orders 0 to count - 1.
         """
         half, tilt = (
             np.sqrt(1.0 - (math.sin(math.radians(each)) / n) ** 2)

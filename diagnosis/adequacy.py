@@ -1,11 +1,11 @@
 """Whether what is left after the best explanation is noise.
 
 Several quadratic forms of the reduced residual are tested together, from the whole chi-square to
-deviations that are smooth over wavelength, to what all repeats share (fringes, lines), and a scan
-over single blocks; the smallest of their p-values is calibrated by simulation, so that looking in
-many ways costs what it should. The effects' own directions are projected out first: the rest is
-normal whatever their values are. Choosing the effects by the same data only makes the rest smaller,
-the test conservative.
+deviations that are smooth over wavelength, to what repeats, samples or captures share (fringes,
+lines, scales), and a scan over single blocks; the smallest of their p-values is calibrated by
+simulation, so that looking in many ways costs what it should. The effects' own directions are
+projected out first: the rest is normal whatever their values are. Choosing the effects by the same
+data only makes the rest smaller, the test conservative.
 
 What lies in the span of the material's Jacobian, or of the accepted effects, is invisible.
 """
@@ -50,6 +50,18 @@ class Adequacy:
         return self.p >= SIGNIFICANT
 
 
+def _calibrated(seen: float, smallest: FloatArray) -> float:
+    """Probability of a p-value as small as the smallest of the looks, of sorted simulated ones.
+
+    Below a hundredth few were simulated, and it goes on in proportion: looks that overlap are
+    worth as many independent ones as they are at 1 %.
+    """
+    rare = float(np.quantile(smallest, 0.01))
+    if seen < rare:
+        return max(0.01 * seen / rare, 1e-300)
+    return (1 + int(np.searchsorted(smallest, seen, side="right"))) / (1 + len(smallest))
+
+
 def orthonormal(columns: FloatArray) -> FloatArray:
     """Orthonormal basis of the span of columns, shape (n, rank)."""
     if not columns.shape[1]:
@@ -74,13 +86,16 @@ def adequacy(problem: Problem, found: Fit, *, seed: int = 0, draws: int = DRAWS)
     reduction = found.reduction
     freedom = reduction.freedom - own.shape[1]
     looks: list[tuple[str, FloatArray]] = []
-    several = len(problem.repeats) > 1
+    several, every = len(problem.repeats) > 1, np.eye(len(problem.wavelength_nm))
     for name, by, functions in (
         ("level of a block", "block", polynomials(problem.wavelength_nm, 1)),
         ("smooth over wavelength", "block", polynomials(problem.wavelength_nm, 3)),
         ("structured over wavelength", "block", polynomials(problem.wavelength_nm, 8)),
         # noise is another in every repeat; what is wrong with a bench is not
-        ("alike in all repeats", "block", np.eye(len(problem.wavelength_nm)) if several else None),
+        ("alike in all repeats", "block", every if several else None),
+        # lamps, films and scales act on all samples of a capture, a detector on all captures
+        ("alike in all samples", "capture", every),
+        ("alike in all captures", "all", every),
         ("by repeat", "capture_repeat", polynomials(problem.wavelength_nm, 2) if several else None),
     ):
         if functions is not None:
@@ -117,11 +132,11 @@ def adequacy(problem: Problem, found: Fit, *, seed: int = 0, draws: int = DRAWS)
         result[-1] = (draws - np.searchsorted(ordered, value[-1], side="left") + 1) / (draws + 1)
         return result
 
-    smallest = own_p(null).min(axis=0)
+    smallest = np.sort(own_p(null).min(axis=0))
     seen = own_p(observed)[:, 0]
     names = ["everything", *(name for name, _ in looks), "scan over blocks"]
     return Adequacy(
-        p=float((1 + np.sum(smallest <= seen.min())) / (1 + draws)),
+        p=_calibrated(float(seen.min()), smallest),
         tests=tuple(
             (name, float(observed[i, 0]), freedoms[i], float(seen[i]))
             for i, name in enumerate(names)

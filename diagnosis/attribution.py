@@ -16,7 +16,7 @@ CREDIBLE = 0.9
 """Probability that a credible set holds."""
 SINGLES = 4
 """Singles that are refitted at most."""
-PAIRS = 3
+PAIRS = 6
 """Pairs that are refitted at most."""
 BEHIND = 12.0
 """Log odds behind the best at which a refit can no longer matter, beside `CURVATURE`."""
@@ -146,7 +146,7 @@ def refine(problem: Problem, null: Fit, first: Posterior, odds: PriorOdds) -> Po
             about = _about(problem, fits[anchor], null, with_it)
             rows = [place[h] for h in with_it]
             weight[rows] = prior[rows] + about
-    for hypothesis in _leaders(first.tested, weight, 2, PAIRS, 0.5 * BEHIND):
+    for hypothesis in _leaders(first.tested, weight, 2, PAIRS, 0.5 * margin):
         refit(hypothesis)
     leader = first.tested[int(np.argmax(weight))]
     while leader not in fits and np.max(weight) > -np.inf:

@@ -189,10 +189,7 @@ def _with_rest(posterior: Posterior, rest: Adequacy, odds: PriorOdds) -> Posteri
     """
     if rest.enough or not posterior.tested:
         return posterior
-    # Beyond the reach of the simulation the tests' own p-values still tell orders of magnitude.
-    least = len(rest.tests) * min(test[3] for test in rest.tests[:-1])
-    p = rest.p if rest.p > 0.002 else max(min(rest.p, least), 1e-300)
-    bound = -1.0 - np.log(p) - np.log(-np.log(p))
+    bound = -1.0 - np.log(rest.p) - np.log(-np.log(rest.p))
     catalogue = float(logsumexp(posterior.log_weight))
     weight = catalogue + np.log(odds.unknown) + bound
     return replace(posterior, unknown=float(np.logaddexp(posterior.unknown, weight)))

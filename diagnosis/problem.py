@@ -56,6 +56,7 @@ class Candidate:
         sign: k of +1 (never below nominal), -1 (never above) or 0.
         limit: k largest deviations from nominal that can be asked of the twin; (): 10 prior
             scales.
+        even: k times whether the data follow the square of the deviation; (): none does.
         weight: prior weight of the effect relative to the other effects; the instances of an
             effect share it.
     """
@@ -67,6 +68,7 @@ class Candidate:
     prior_scale: tuple[float, ...] = (1.0,)
     sign: tuple[int, ...] = (0,)
     limit: tuple[float, ...] = ()
+    even: tuple[bool, ...] = ()
     weight: float = 1.0
 
     def __post_init__(self) -> None:
@@ -81,6 +83,11 @@ class Candidate:
             )
         if not all(np.isfinite(s) and s > 0 for s in self.prior_scale):
             raise InputError(f"prior scales {self.prior_scale}", "numbers above 0", place=self.name)
+        if len(self.even) not in (0, count):
+            raise InputError(
+                f"{len(self.even)} times whether a parameter is even", f"none or {count}",
+                place=self.name,
+            )  # fmt: skip
         if not set(self.sign) <= {-1, 0, 1}:
             raise InputError(f"signs {self.sign}", "-1, 0 or 1", place=self.name)
 
@@ -96,10 +103,34 @@ class Candidate:
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Smallest and largest deviation of every parameter, (k,) each."""
+        """Smallest and largest coordinate of every parameter, (k,) each."""
         reach = np.array(self.limit or tuple(10.0 * scale for scale in self.prior_scale))
+        reach = np.where(self._even, reach**2 / np.array(self.prior_scale), reach)
         sign = np.array(self.sign)
         return np.where(sign > 0, 0.0, -reach), np.where(sign < 0, 0.0, reach)
+
+    @property
+    def _even(self) -> BoolArray:
+        return np.array(self.even or (False,) * self.size, dtype=bool)
+
+    def physical(self, coordinate: FloatArray) -> FloatArray:
+        """Deviations from nominal [the parameters' units] of coordinates of a fit, (..., k) each.
+
+        Data are all but linear in the coordinate q, which is the deviation v itself or, of an
+        even parameter, v |v| over the prior scale: there v has no slope at nominal to start from.
+        One prior scale is one in both.
+        """
+        given, scale = np.asarray(coordinate, dtype=np.float64), np.array(self.prior_scale)
+        return np.where(self._even, np.sign(given) * np.sqrt(np.abs(given) * scale), given)
+
+    def physical_sd(self, coordinate: FloatArray, sd: FloatArray) -> FloatArray:
+        """Standard errors of deviations, of coordinates and their standard errors, (k,) each.
+
+        Of an even parameter that is not told from nominal: the deviation at one standard error.
+        """
+        value = np.maximum(np.abs(self.physical(coordinate)), np.abs(self.physical(sd)))
+        slope = np.array(self.prior_scale) / (2.0 * np.where(value > 0.0, value, 1.0))
+        return np.asarray(np.where(self._even, slope, 1.0) * sd)
 
 
 @dataclass(frozen=True)
@@ -142,6 +173,7 @@ class Problem:
             samples are really two.
         material_prior: a smoothness prior to compare the verdict with, or none.
         material_names: names of the P coordinates.
+        material_reach: largest magnitudes of the P coordinates that a fit goes to; (): any.
     """
 
     wavelength_nm: FloatArray
@@ -158,6 +190,7 @@ class Problem:
     thickness_mm: Mapping[str, float] = field(default_factory=dict)
     material_prior: Smoothness | None = None
     material_names: tuple[str, ...] = ()
+    material_reach: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse shapes that do not belong together."""

@@ -29,19 +29,16 @@ def ranked(
         candidate = problem.candidates[index]
         value, sd, found = values_of(problem, posterior, scores, index)
         lower, upper = candidate.bounds
+        ends = (value - QUANTILE * sd, value + QUANTILE * sd)
+        low, high = (candidate.physical(np.clip(end, lower, upper)) for end in ends)
+        away, away_sd = candidate.physical(value), candidate.physical_sd(value, sd)
         parameters = tuple(
             ParameterValue(
-                name,
-                candidate.units[k],
-                float(value[k]),
-                float(sd[k]),
-                (
-                    float(max(value[k] - QUANTILE * sd[k], lower[k])),
-                    float(min(value[k] + QUANTILE * sd[k], upper[k])),
-                ),
+                name, candidate.units[k], float(away[k]), float(away_sd[k]),
+                (float(low[k]), float(high[k])),
             )
             for k, name in enumerate(candidate.parameters)
-        )
+        )  # fmt: skip
         own = list(problem.columns[index])
         factor = turned_scales(problem.candidates)[0][own]
         scaled = value / factor
@@ -64,7 +61,7 @@ def ranked(
 def values_of(
     problem: Problem, posterior: Posterior, scores: Scores, index: int
 ) -> tuple[FloatArray, FloatArray, Fit | None]:
-    """Value and standard error of a candidate under the best hypothesis that holds it.
+    """Coordinates and their standard errors of a candidate under the best hypothesis with it.
 
     A refit is taken where there is one: the best refit that holds the candidate, unless a
     hypothesis without refit is far more probable.

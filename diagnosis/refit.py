@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,8 @@ LOOSE = 10.0
 """Prior of the amplitude in a fit, in prior scales: it only keeps what is unseen finite."""
 LONGEST = 1.0
 """Longest step of a material coordinate."""
+RESTARTS = 3
+"""Steps in which wavelengths that ask for longer ones are put between their neighbours."""
 DISAGREE = 0.2
 """Relative difference between linear prediction and refit that is worth saying."""
 
@@ -44,21 +47,23 @@ class Fit:
         hypothesis: candidates at work.
         material: (W, P).
         values: deviation from nominal by candidate, (k,) each.
-        covariance: of all values, in the order of the columns, (K, K).
+        value: coordinates of the fit (`Candidate.physical`) in the order of the columns, (K,).
+        covariance: of the coordinates, (K, K).
         predicted: data at the fit, (W, M).
         residual: reduced residual, (n,).
         columns: reduced signatures of the effects at the fit, (n, K).
         raw: their signatures in data space, (K, W, M).
         jacobian: derivatives by the material, (W, M, P).
         reduction: about the fit.
-        linear: values that the linear model had predicted, (K,).
-        at_bound: which of the K values sit at a bound.
+        linear: coordinates that the linear model had predicted, (K,).
+        at_bound: which of the K coordinates sit at a bound.
         converged: whether it settled.
     """
 
     hypothesis: Hypothesis
     material: FloatArray
     values: Mapping[str, FloatArray]
+    value: FloatArray
     covariance: FloatArray
     predicted: FloatArray
     residual: FloatArray
@@ -69,11 +74,6 @@ class Fit:
     linear: FloatArray
     at_bound: np.ndarray
     converged: bool
-
-    @property
-    def value(self) -> FloatArray:
-        """All values in the order of the columns, (K,)."""
-        return np.concatenate([*self.values.values(), np.empty(0)])
 
     @property
     def chi_square(self) -> float:
@@ -124,41 +124,62 @@ def fit(
         material, predicted, reduction = start.material, start.predicted, start.reduction
         jacobian = start.jacobian
 
-    def objective(prediction: FloatArray, at: FloatArray) -> float:
-        return reduction.misfit(data - prediction) + float(np.sum((at / loose) ** 2))
+    def objective(judge: Reduction, prediction: FloatArray, at: FloatArray) -> float:
+        return judge.misfit(data - prediction) + float(np.sum((at / loose) ** 2))
 
-    now, converged = objective(predicted, value), False
+    now, converged = objective(reduction, predicted, value), False
     if not np.isfinite(now):
         raise ArithmeticError("the twin has no finite answer where the fit starts")
     columns = reduction(np.moveaxis(raw, 0, -1))
-    for step in range(STEPS):
-        left = data - predicted
-        inner = columns.T @ reduction(left) - value / loose**2
-        change = bounded_step(columns.T @ columns + np.diag(loose**-2.0), inner,
-                              lower - value, upper - value)  # fmt: skip
-        if step == 0:
-            linear = change
-        moved = reduction.material_step(left - np.tensordot(change, raw, 1))
-        moved /= np.maximum(1.0, np.max(np.abs(moved), axis=1, initial=0.0) / LONGEST)[:, None]
+
+    def searched(judge: Reduction, change: FloatArray, moved: FloatArray) -> _Trial | None:
+        """The longest share of a step of the effects that the objective allows."""
         share, halvings, retreats = 1.0, HALVINGS, RETREATS
+        before = objective(judge, predicted, value)
         while halvings and retreats:
             trial_value, trial = value + share * change, material + share * moved
+            if judge is not reduction:
+                trial = _beside(trial, judge)
+            if problem.material_reach:
+                trial = np.clip(trial, -np.array(problem.material_reach), problem.material_reach)
             prediction = problem.forward(trial, by_name(chosen, trial_value))
-            then = objective(prediction, trial_value)
-            if np.isfinite(then) and then <= now + SETTLED:
-                break
+            then = objective(judge, prediction, trial_value)
+            if np.isfinite(then) and then <= before + SETTLED:
+                return _Trial(share, share * change, trial_value, trial, prediction)
             share *= 0.5
             # A world that cannot be says nothing about the objective: it costs no halving.
             halvings, retreats = halvings - np.isfinite(then), retreats - (not np.isfinite(then))
-        else:
+        return None
+
+    for step in range(STEPS):
+        left = data - predicted
+        box = (lower - value, upper - value)
+        change, moved = _step(reduction, columns, raw, left, value, loose, box)
+        if step == 0:
+            linear = change
+        found = None
+        lost = np.max(np.abs(moved), axis=1, initial=0.0) > LONGEST
+        if own and step < RESTARTS and lost.any() and not lost.all():
+            # Where the material is far from its place, its slopes mislead all that the effects
+            # share: the others go first, and it starts again from its neighbours.
+            rest = Reduction.of(problem, jacobian, valid=problem.valid & ~lost[:, None])
+            others = _step(rest, rest(np.moveaxis(raw, 0, -1)), raw, left, value, loose, box)
+            found = searched(rest, others[0], _shortened(others[1]))
+        restarted = found is not None
+        if found is None:
+            found = searched(reduction, change, _shortened(moved))
+        if found is None:
             break
-        missed = reduction(prediction - predicted - np.tensordot(share * change, raw, 1))
+        share, prediction = found.share, found.predicted
+        then = objective(reduction, prediction, found.value)
+        missed = reduction(prediction - predicted - np.tensordot(found.change, raw, 1))
         gained, now = now - then, then
-        value, material, predicted = trial_value, trial, prediction
-        if share == 1.0 and missed @ missed < CURVED and (gained < SETTLED or step):
+        value, material, predicted = found.value, found.material, prediction
+        straight = share == 1.0 and missed @ missed < CURVED and not restarted
+        if straight and (gained < SETTLED or step):
             converged = True
             break
-        if missed @ missed >= CURVED or share < 1.0 or gained > 1.0:
+        if restarted or missed @ missed >= CURVED or share < 1.0 or gained > 1.0:
             named = by_name(chosen, value)
             jacobian = problem.jacobian(material, named)
             if not np.isfinite(jacobian[problem.valid]).all():
@@ -172,6 +193,7 @@ def fit(
         hypothesis=hypothesis,
         material=material,
         values=by_name(chosen, value),
+        value=value,
         covariance=np.asarray(np.linalg.inv(precision)) if own else np.empty((0, 0)),
         predicted=predicted,
         residual=reduction(data - predicted),
@@ -185,10 +207,47 @@ def fit(
     )
 
 
+class _Trial(NamedTuple):
+    """A step that may be taken: share of it, change of the effects, and where it leads."""
+
+    share: float
+    change: FloatArray
+    value: FloatArray
+    material: FloatArray
+    predicted: FloatArray
+
+
+def _step(
+    reduction: Reduction, columns: FloatArray, raw: FloatArray, left: FloatArray,
+    value: FloatArray, loose: FloatArray, box: tuple[FloatArray, FloatArray],
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Linear change of the effects (K,) within a box, and of the material (W, P) after them."""
+    inner = columns.T @ reduction(left) - value / loose**2
+    change = bounded_step(columns.T @ columns + np.diag(loose**-2.0), inner, *box)
+    return change, reduction.material_step(left - np.tensordot(change, raw, 1))
+
+
+def _shortened(moved: FloatArray) -> FloatArray:
+    """Steps of the material, (W, P), none longer than `LONGEST`."""
+    longest = np.max(np.abs(moved), axis=1, initial=0.0, keepdims=True)
+    return np.asarray(moved / np.maximum(1.0, longest / LONGEST))
+
+
+def _beside(material: FloatArray, rest: Reduction) -> FloatArray:
+    """The material (W, P) with wavelengths that are not judged put between their neighbours."""
+    index = np.arange(len(material))
+    known = rest.valid.any(axis=1)
+    columns = [np.interp(index, index[known], column[known]) for column in material.T]
+    return np.where(known[:, None], material, np.stack(columns, axis=1))
+
+
 def by_name(chosen: list[Candidate], value: FloatArray) -> dict[str, FloatArray]:
-    """Values of several candidates by name."""
+    """Deviations from nominal by name, of the coordinates of several candidates (K,)."""
     ends = np.cumsum([0, *(candidate.size for candidate in chosen)])
-    return {candidate.name: value[ends[i] : ends[i + 1]] for i, candidate in enumerate(chosen)}
+    return {
+        candidate.name: candidate.physical(value[ends[i] : ends[i + 1]])
+        for i, candidate in enumerate(chosen)
+    }
 
 
 def slopes(
@@ -198,10 +257,10 @@ def slopes(
     value: FloatArray,
     predicted: FloatArray,
 ) -> FloatArray:
-    """Data per unit of every effect parameter, by one-sided differences, (K, W, M).
+    """Data per unit of every effect's coordinate, by one-sided differences, (K, W, M).
 
-    The step leads away from nominal: an effect that is even about nominal has a slope there too.
-    Where the twin has no answer, or a bound is in the way, it leads back, then it is shortened.
+    The step leads away from nominal. Where the twin has no answer, or a bound is in the way, it
+    leads back, then it is shortened.
 
     Raises:
         ArithmeticError: there is no step with a finite answer.

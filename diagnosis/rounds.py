@@ -255,6 +255,7 @@ def _accept(
     if best is None:
         return visit.bench, ()
     sd = np.sqrt(np.diag(best.covariance))
+    own = {candidate.name: candidate for candidate in case.problem.candidates}
     suspects = {suspect.name: suspect for suspect in case.suspects}
     bench, start = visit.bench, 0
     accepted = []
@@ -262,8 +263,9 @@ def _accept(
         suspect = suspects[name]
         before = next((e.values for e in bench.effects if e.name == name), suspect.nominal)
         values = tuple(float(v) for v in np.array(before) + away)
-        errors = tuple(float(v) for v in sd[start : start + len(away)])
-        start += len(away)
+        span = slice(start, start + len(away))
+        errors = tuple(float(v) for v in own[name].physical_sd(best.value[span], sd[span]))
+        start = span.stop
         bench, _ = accept(bench, visit.samples, suspect, values, errors, plain=False)
         alike = dict.fromkeys(n for g in found.groups if name in g for n in g if n != name)
         accepted.append(Accepted(name, suspect.title, values, errors, tuple(alike)))

@@ -89,8 +89,13 @@ def _unusable(signature: FloatArray) -> str:
     return "" if np.any(signature) else "changes nothing in these data"
 
 
-def candidate_of(suspect: Suspect) -> Candidate:
-    """A candidate of the bench's catalogue as the problem has it."""
+def candidate_of(suspect: Suspect, known: bool = False) -> Candidate:
+    """A candidate of the bench's catalogue as the problem has it.
+
+    Args:
+        suspect: of the catalogue.
+        known: it is described already: about its value nothing is even.
+    """
     signs = {"any": 0, "positive": 1, "negative": -1}
     own = suspect.parameters
     return Candidate(
@@ -101,4 +106,5 @@ def candidate_of(suspect: Suspect) -> Candidate:
         prior_scale=tuple(p.prior_scale for p in own),
         sign=tuple(signs[p.sign] for p in own),
         limit=tuple(min(p.limit, 10.0 * p.prior_scale) for p in own),
+        even=tuple(p.even and not known for p in own),
     )

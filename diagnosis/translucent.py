@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 NAMES = ("logit albedo", "ln sigma_t", "artanh g")
 STEP = 1e-6
 """Of the one-sided differences by which the material's slopes are taken, in its coordinates."""
-FARTHEST = 12.0
-"""Largest |coordinate| at which the twin is asked: beyond, nothing changes."""
+FARTHEST = (12.0, 12.0, 2.6)
+"""Largest |coordinates| at which the twin is asked: beyond, nothing changes."""
 FIRST_GUESS = (0.9, 2.0, 0.5)
 """Albedo, sigma_t [1/mm] and g where no estimator answers."""
 SMOOTH = Smoothness(length_nm=60.0, sd=(2.0, 1.0, 0.5), nugget=(0.02, 0.01, 0.01))
@@ -122,6 +122,7 @@ def translucent_case(
         thickness_mm={sample.name: sample.thickness_mm for sample in measurement.samples},
         material_prior=SMOOTH,
         material_names=NAMES,
+        material_reach=FARTHEST,
     )
     fitted = fit(bare).material if material is None else start
     at = physical(fitted)
@@ -152,11 +153,12 @@ def translucent_case(
         say=say,
         progress=progress,
     )
+    known = {each.name for each in measurement.bench.effects}
     problem = replace(
         bare,
         material=fitted,
         signatures=tested.signatures,
-        candidates=tuple(map(candidate_of, tested.suspects)),
+        candidates=tuple(candidate_of(each, each.name in known) for each in tested.suspects),
     )
     return TranslucentCase(problem, engine, tested.suspects, tested.left_out, data.reasons)
 
@@ -176,11 +178,8 @@ def coordinates(albedo: FloatArray, sigma_t_per_mm: FloatArray, g: FloatArray) -
 
 def physical(coordinate: FloatArray) -> FloatArray:
     """Albedo, sigma_t [1/mm] and g, shape (W, 3), of coordinates of the fit (W, 3)."""
-    x = np.clip(coordinate, -FARTHEST, FARTHEST)
-    return np.stack(
-        [1.0 / (1.0 + np.exp(-x[:, 0])), np.exp(x[:, 1]), np.tanh(np.clip(x[:, 2], -2.6, 2.6))],
-        axis=-1,
-    )
+    x = np.clip(coordinate, -np.array(FARTHEST), FARTHEST)
+    return np.stack([1.0 / (1.0 + np.exp(-x[:, 0])), np.exp(x[:, 1]), np.tanh(x[:, 2])], axis=-1)
 
 
 def material_slopes(

@@ -29,7 +29,8 @@ def smooth_columns(
         level: expected data, (W, M): deviations are relative to it.
         functions: F shapes over wavelength, (W, F).
         by: "block" for one deviation per (capture, sample), in all repeats alike; "channel" for
-            one per channel; "capture" or "capture_repeat" for one per capture (and repeat).
+            one per channel; "capture" or "capture_repeat" for one per capture (and repeat); "all"
+            for one in all.
     """
     keys: list[tuple[object, ...]] = []
     for index, channel in enumerate(problem.channels):
@@ -39,6 +40,7 @@ def smooth_columns(
                 "channel": (index,),
                 "capture": (channel.capture,),
                 "capture_repeat": (channel.capture, channel.repeat),
+                "all": (),
             }[by]
         )
     groups = list(dict.fromkeys(keys))

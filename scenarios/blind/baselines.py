@@ -102,7 +102,11 @@ def _greedy(
     for index in chosen:
         span = slice(start, start + problem.candidates[index].size)
         start = span.stop
-        values[problem.candidates[index].name] = [value[span].tolist(), error[span].tolist()]
+        own = problem.candidates[index]
+        values[own.name] = [
+            own.physical(value[span]).tolist(),
+            own.physical_sd(value[span], error[span]).tolist(),
+        ]
     left_over = chi2.sf(now, max(freedom - value.size, 1)) < LEFT
     return {
         "gap": bool(chosen) or bool(left_over),

@@ -60,7 +60,8 @@ def test_fast_response_agrees_with_the_monte_carlo(name: str, engine: EffectEngi
 def test_what_an_effect_leaves_alone_does_not_change(engine: EffectEngine) -> None:
     gap = engine.response(candidates()["gap"], FLAT, (1.0,))
     assert np.all(gap[..., 2] == 0.0), "the beam meets no background"
-    gloss = engine.response(candidates()["gloss[white]"], FLAT, (0.2,))
+    glossy = candidates()["gloss[white]"].apply(world(), (0.2,))
+    gloss = engine.light(glossy, FLAT) - engine.light(world(), FLAT)
     assert np.all(gloss[..., 0] == 0.0), "no white lies below the black capture"
     beam = engine.response(candidates()["beam_divergence"], FLAT, (3.0,))
     assert np.all(beam[..., :2] == 0.0), "the beam is off under the panels"

@@ -21,6 +21,7 @@ SIGNAL = (
     "drift[black]", "drift[panels]", "drift[collimated]", "reference_plane", "ambient_light",
     "roughness", "fluorescence", "dark_offset", "stray_light", "nonlinearity", "gain_step",
     "wavelength_shift[all]", "wavelength_shift[after the references]", "white_ageing",
+    "gloss[white]",
 )  # fmt: skip
 SAID = scenario("bandwidth")
 

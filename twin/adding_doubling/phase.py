@@ -44,6 +44,10 @@ def henyey_greenstein(g: Array, cosine: Array) -> Array:
     return (1.0 - g**2) / (1.0 + g**2 - 2.0 * g * cosine) ** 1.5
 
 
+MOST_FORWARD = 0.995
+"""Largest |anisotropy factor| of the first of two lobes."""
+
+
 class TwoTerm(NamedTuple):
     """A second Henyey-Greenstein lobe beside the first: see `twin.bench.Medium`."""
 
@@ -51,9 +55,12 @@ class TwoTerm(NamedTuple):
     g: Any
 
     def first(self, g: Array) -> Array:
-        """Anisotropy factor of the first lobe when the mean cosine is g."""
+        """Anisotropy factor of the first lobe when the mean cosine is g.
+
+        A mean cosine that the shares do not allow is taken as the most forward one that they do.
+        """
         found: Array = (g - self.share * self.g) / (1.0 - self.share)
-        return found
+        return jnp.clip(found, -MOST_FORWARD, MOST_FORWARD)
 
     def moments(self, g: Array, count: int) -> Array:
         """Moments for l = 0 to count - 1, shape (count,)."""

@@ -28,6 +28,8 @@ DIM = 1e-3
 """Added to relative intensities before relative changes are formed: nothing is divided by 0."""
 MOST_KEPT = 512
 """Arrays kept in memory of each kind."""
+EVEN_AT = (0.5, 1.0, 2.0)
+"""Prior scales at which the response to an even parameter is taken."""
 SMALL_STEP = 0.1
 """Share of the prior scale over which derivatives are taken."""
 
@@ -217,8 +219,9 @@ class EffectEngine:
     ) -> tuple[FloatArray, FloatArray]:
         """What an effect adds that the plane-parallel engine does not see, and its error.
 
-        A parabola through two prior scales for each parameter (a multiple of the square for an
-        even one); parameters add up.
+        A parabola through two prior scales for each parameter; for an even one, whose response
+        need not follow the square for long, a polynomial through `EVEN_AT` without a slope at
+        nominal. Parameters add up.
         """
         total = np.zeros((len(material), len(self.world.samples), 3))
         error = np.zeros_like(total)
@@ -232,7 +235,11 @@ class EffectEngine:
             )
             x = away / near
             if parameter.even:
-                total = total + x**2 * one
+                for at, share in zip(EVEN_AT, _even_shares(abs(x)), strict=True):
+                    if share:
+                        value = parameter.nominal + at * near
+                        own = self._measured(candidate, parameter, value, material)[0]
+                        total = total + share * own
             else:
                 far = -1.0 if parameter.sign == "any" else 2.0
                 other = self._measured(
@@ -304,6 +311,19 @@ class EffectEngine:
                 self._plain_light.clear()
             self._plain_light[key] = self._plane(self.plain, material)
         return self._plain_light[key]
+
+
+def _even_shares(x: float) -> FloatArray:
+    """Weights of the responses at `EVEN_AT` at x prior scales: a x^2 + b x^3 + c x^4 through them.
+
+    Beyond the last it goes on straight: a power of four would run away.
+    """
+    at = np.array(EVEN_AT)
+    power = np.arange(2, 2 + at.size)
+    inside = min(x, at[-1])
+    row = inside**power + (x - inside) * power * inside ** (power - 1)
+    shares = np.linalg.solve((at[:, None] ** power).T, row)
+    return np.where(np.abs(shares) > 1e-9, shares, 0.0)
 
 
 def _away(parameter: EffectParameter) -> float:

@@ -13,6 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from twin.bench import Background
 from twin.effects.readout import Readout
 from twin.effects.world import (
     BEAM_REFERENCE,
@@ -39,6 +40,8 @@ from twin.spectra import FloatArray, Spectral
 PAIRS = ((BLACK, WHITE_REFERENCE), (WHITE, WHITE_REFERENCE), (COLLIMATED, BEAM_REFERENCE))
 FEWEST = 4
 """Wavelengths that a cubic spline takes."""
+DARKEST = 1e-3
+"""Share of a reading that is light at least, whatever else a world takes it for."""
 SIGMA_OF_WIDTH = 1.0 / np.sqrt(8.0 * np.log(2.0))
 
 
@@ -92,19 +95,22 @@ def after_light(world: World) -> bool:
         or world.shift_after_reference_nm
         or true.instrument != said.instrument
         or true.background.white.reflectance != said.background.white.reflectance
+        or true.background.white.gloss != said.background.white.gloss
     )
 
 
 def light_rates(world: World, light: FloatArray, wavelength: FloatArray, plan: Readout) -> Rates:
     """Light of all captures on the pixels, wavelengths and widths of the world's instrument."""
     true, said = world.bench, world.described_bench
-    whites = (true.background.white.reflectance, said.background.white.reflectance)
-    rho = reflectance(whites[0], wavelength)
-    described_rho = rho if whites[0] == whites[1] else reflectance(whites[1], wavelength)
-    black = reflectance(true.background.black.reflectance, wavelength)
+    rho = _to_detector(true.background.white, wavelength)
+    described_rho = _to_detector(said.background.white, wavelength)
+    black = _to_detector(true.background.black, wavelength)
     sources = (true.panel_spectrum, true.beam.spectrum)
     # what the lamp and its optics give, whatever white reflects it
-    lit = (plan.white / described_rho, plan.beam)
+    lit = (
+        _behind(world, plan, plan.white, WHITE_REFERENCE) / described_rho,
+        _behind(world, plan, plan.beam, BEAM_REFERENCE),
+    )
     count = light.shape[1]
     relative = {
         WHITE_REFERENCE: np.tile(rho, (count, 1)),
@@ -121,6 +127,26 @@ def light_rates(world: World, light: FloatArray, wavelength: FloatArray, plan: R
         )  # fmt: skip
     lamps = np.stack([lamp(source, wavelength) for source in sources])
     return Rates(wavelength, rows, plan.exposure, rho, lamps)
+
+
+def _behind(world: World, plan: Readout, read: FloatArray, capture: int) -> FloatArray:
+    """Light behind readings (S, W) of a reference in a world: its stray light and offset are in it.
+
+    Where a lamp is dark they are much of what is read, and their effects go with it.
+    """
+    if plan.planned:
+        return read
+    instrument = world.bench.instrument
+    light = np.array(read)
+    if world.offset_counts:
+        for sample, seconds in enumerate(plan.integration_s[:, capture]):
+            own = _at(instrument, plan.gain[sample, capture])
+            counts = own.dark_level_counts + world.offset_counts
+            light[sample] -= electrons_of_counts(own, counts) / seconds
+    if instrument.has("stray_light"):
+        stray = instrument.stray_light_fraction
+        light = (light - stray * light.mean(axis=1, keepdims=True)) / (1.0 - stray)
+    return np.asarray(np.maximum(light, DARKEST * read))
 
 
 def _seen(
@@ -153,7 +179,7 @@ def _banded(world: World, light: FloatArray, wavelength: FloatArray) -> FloatArr
     variance = _variance(world, wavelength)
     if not np.any(variance):
         return light.copy()
-    rho = reflectance(bench.background.white.reflectance, wavelength)
+    rho = _to_detector(bench.background.white, wavelength)
     found = np.empty_like(light)
     for source, columns, white in (
         (bench.panel_spectrum, [0, 1], rho), (bench.beam.spectrum, [2], np.ones_like(rho)),
@@ -231,13 +257,18 @@ def _ratios(world: World, rates: Rates, plan: Readout) -> FloatArray:
         raise InputError(
             "counts that no charge gives", "a curve of the detector that can be undone"
         )
-    white = reflectance(world.described_bench.background.white.reflectance, rates.wavelength_nm)
+    white = _to_detector(world.described_bench.background.white, rates.wavelength_nm)
     scale = (white, white, np.ones_like(white))
     columns = [
         factor * linear[:, top] / linear[:, bottom]
         for factor, (top, bottom) in zip(scale, PAIRS, strict=True)
     ]
     return np.asarray(np.stack(columns, axis=-1).transpose(1, 0, 2))
+
+
+def _to_detector(background: Background, wavelength_nm: FloatArray) -> FloatArray:
+    """What a bare background shows the detector, (W,): its mirror part goes past."""
+    return reflectance(background.reflectance, wavelength_nm) * (1.0 - background.gloss)
 
 
 def _at(instrument: Instrument, gain: float) -> Instrument:

@@ -34,8 +34,9 @@ class Readout:
 
     Attributes:
         wavelength_nm: [nm], shape (W,).
-        white: signal of the white reference [electrons/s], shape (S, W).
-        beam: signal of the beam reference [electrons/s], shape (S, W).
+        white: signal of the white reference [electrons/s], shape (S, W); stray light and
+            an offset are in it where it was read and not planned.
+        beam: signal of the beam reference [electrons/s], shape (S, W); the same.
         integration_s: of the captures in the order `LIT` [s], shape (S, 6).
         gain: of the captures, shape (S, 6).
         planned: whether it was planned and not taken from a visit's counts.
@@ -75,7 +76,8 @@ class Readout:
         lit = (
             (
                 lamp(bench.panel_spectrum, wavelength)
-                * reflectance(bench.background.white.reflectance, wavelength),
+                * reflectance(bench.background.white.reflectance, wavelength)
+                * (1.0 - bench.background.white.gloss),
                 instrument.white_rate_electrons_per_s,
             ),
             (lamp(bench.beam.spectrum, wavelength), instrument.beam_rate_electrons_per_s),

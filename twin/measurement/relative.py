@@ -189,25 +189,30 @@ def measured_black_reflectance(
 
 
 def certified_white(measurement: Measurement) -> FloatArray:
-    """Certified reflectance of the white background on the visit's wavelengths, shape (W,).
+    """What the white background shows the detector on the visit's wavelengths, shape (W,).
 
+    Its certified reflectance less the share of a described gloss, which goes past the detector.
     NaN at wavelengths that the certificate does not cover.
 
     Raises:
         InputError: it is unknown, or covers none of the wavelengths.
     """
-    certificate: Spectral = measurement.bench.background.white.reflectance
+    background = measurement.bench.background.white
+    certificate: Spectral = background.reflectance
+    lambertian = 1.0 - background.gloss
     wavelength = measurement.wavelength_nm
     from twin.materials import reflectance
 
     try:
-        return np.asarray(reflectance(certificate, wavelength), dtype=np.float64)
+        return np.asarray(reflectance(certificate, wavelength) * lambertian, dtype=np.float64)
     except InputError as whole:
         # Nothing is extrapolated; a few pixels beyond the table do not spoil the rest.
         result = np.full(wavelength.shape, np.nan)
         for index in range(wavelength.size):
             try:
-                result[index] = reflectance(certificate, wavelength[index : index + 1])[0]
+                result[index] = (
+                    reflectance(certificate, wavelength[index : index + 1])[0] * lambertian
+                )
             except InputError:
                 continue
         if not np.isfinite(result).any():

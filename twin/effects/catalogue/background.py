@@ -123,7 +123,8 @@ GLOSS = Effect(
     place="background",
     title="the backgrounds are glossy",
     physics="A share of what a background reflects goes on like from a mirror, away from the "
-    "detector that looks along the normal: less of it is seen through clear samples.",
+    "detector that looks along the normal: less of it is seen through clear samples, and the "
+    "bare white, the reference, shows less than its certificate says.",
     source="twin.bench.Background.gloss; CIE 15:2018 (specular component)",
     parameters=(
         EffectParameter(

@@ -26,7 +26,8 @@ from diagnosis.attribution import Posterior, PriorOdds, log_priors
 from diagnosis.calibration import generator_of
 from diagnosis.evidence import Hypothesis, Scores, log_evidence, turned_scales
 from diagnosis.problem import Problem
-from diagnosis.refit import Fit, bounded_step
+from diagnosis.refit import Fit
+from diagnosis.stepping import bounded_step
 from diagnosis.unknown import polynomials, smooth_columns
 from twin.spectra import FloatArray
 

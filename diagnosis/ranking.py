@@ -8,7 +8,8 @@ from diagnosis.attribution import Posterior
 from diagnosis.closure import QUANTILE
 from diagnosis.evidence import Hypothesis, Scores, turned_scales
 from diagnosis.problem import Problem
-from diagnosis.refit import LOOSE, Fit, bounded_step
+from diagnosis.refit import LOOSE, Fit
+from diagnosis.stepping import bounded_step
 from diagnosis.verdict import ParameterShift, ParameterValue, RankedEffect
 from twin.spectra import FloatArray
 

@@ -21,7 +21,7 @@ from scipy.stats import chi2
 
 from diagnosis import Fit, Problem, Reduction
 from diagnosis.evidence import turned_scales
-from diagnosis.refit import bounded_step
+from diagnosis.stepping import bounded_step
 from twin.spectra import FloatArray
 
 GAP, LEFT = 0.05, 0.01
@@ -102,10 +102,10 @@ def _greedy(
     for index in chosen:
         span = slice(start, start + problem.candidates[index].size)
         start = span.stop
-        own = problem.candidates[index]
-        values[own.name] = [
-            own.physical(value[span]).tolist(),
-            own.physical_sd(value[span], error[span]).tolist(),
+        named = problem.candidates[index]
+        values[named.name] = [
+            named.physical(value[span]).tolist(),
+            named.physical_sd(value[span], error[span]).tolist(),
         ]
     left_over = chi2.sf(now, max(freedom - value.size, 1)) < LEFT
     return {

@@ -102,3 +102,11 @@ def test_lobes_that_do_not_exist_are_refused() -> None:
         captures(Bench(), SAMPLE, NOMINAL, properties=replace(two_term(0.5, 0.1, -0.5), second_g=1))
     with pytest.raises(InputError, match="moments"):
         captures_model(Bench(), [SAMPLE], NOMINAL, moments=np.ones(1), second=(0.1, -0.5))
+
+
+def test_a_mean_cosine_beyond_the_shares_stays_finite() -> None:
+    """A tenth of isotropic scattering leaves a mean cosine of 0.9 at most; a fit may ask for it."""
+    beyond = plane(0.95, (0.1, 0.0), beam=False)
+    most = plane(0.9 * 0.995, (0.1, 0.0), beam=False)
+    assert np.isfinite(beyond).all()
+    assert np.allclose(beyond, most)

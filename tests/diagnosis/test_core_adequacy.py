@@ -48,3 +48,24 @@ def test_noise_alone_is_enough(linear_toy):
                 for seed in range(12))  # fmt: skip
     # 1 % each: three of twelve are three in ten thousand
     assert count <= 2
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_all_captures_share_is_seen_best_together(linear_toy, seed):
+    problem = linear_toy.problem(seed)
+    null = fit(problem)
+    shape = np.sign(np.sin(1.9 * np.arange(len(problem.wavelength_nm))))[:, None]
+    flat = null.reduction(shape * null.predicted)
+    flat = flat * 9.0 / np.linalg.norm(flat)
+    found = adequacy(problem, replace(null, residual=null.residual + flat))
+    looks = {name: p for name, _, _, p in found.tests}
+    assert looks["alike in all captures"] < 1e-4
+    assert looks["alike in all captures"] < 0.1 * looks[LOOK]
+    assert found.p < 1e-3
+    assert not found.enough
+
+
+def test_probabilities_go_on_beyond_the_simulation(linear_toy):
+    faint, loud = (rest_with(linear_toy, 5, size, (1.0, 1.0, 1.0))[1] for size in (15.0, 25.0))
+    assert loud.p < 1e-6 * faint.p
+    assert loud.p >= min(p for _, _, _, p in loud.tests)

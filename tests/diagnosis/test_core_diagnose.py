@@ -13,7 +13,7 @@ from diagnosis.attribution import PriorOdds, log_priors, scores_of
 from diagnosis.calibration import detect
 from diagnosis.evidence import hypotheses
 from diagnosis.reduction import Reduction
-from diagnosis.refit import slopes
+from diagnosis.stepping import slopes
 from diagnosis.unknown import Unknown
 
 

@@ -19,6 +19,8 @@ AT = 3
 """Number of the wavelength at which an independent run is made."""
 PATHS = 4096
 EFFECTS = {"gap": 2.0, "lateral_loss": 0.1, "beam_divergence": 2.0}
+CLEAR, BETWEEN = np.tile((0.9, 1.3, 0.5), (len(WAVELENGTH), 1)), 0.17
+"""Light walks far in it; an inverse extent between those at which the response is taken."""
 
 
 @pytest.fixture(scope="module")
@@ -28,11 +30,13 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> EffectEngine:
     )
 
 
-def independent(name: str, value: float, sample: int) -> tuple[np.ndarray, np.ndarray]:
+def independent(
+    name: str, value: float, sample: int, material: np.ndarray = FLAT
+) -> tuple[np.ndarray, np.ndarray]:
     """The same change by `twin.transport.response` with other random numbers, (3,) each."""
     changed = candidates()[name].apply(world(), (value,))
     at = WAVELENGTH[[AT]]
-    medium = OpticalProperties(at, *(FLAT[[AT], column] for column in range(3)), None)
+    medium = OpticalProperties(at, *(material[[AT], column] for column in range(3)), None)
     found, error = response(
         world().bench, changed.bench, world().samples[sample], at, properties=medium,
         paths=4 * PATHS, seed=77,
@@ -55,6 +59,30 @@ def test_fast_response_agrees_with_the_monte_carlo(name: str, engine: EffectEngi
     largest = np.argmax(np.abs(truth))
     assert abs(truth[largest]) > 6.0 * error[largest], "the effect must stand out"
     assert abs(2.0 * fast[largest] - truth[largest]) > bound[largest], "twice of it must fail"
+
+
+def test_a_response_need_not_follow_the_square(engine: EffectEngine) -> None:
+    own = candidates()["lateral_loss"]
+    fast = engine.response(own, CLEAR, (BETWEEN,))[AT, 1]
+    truth, error = independent("lateral_loss", BETWEEN, 1, CLEAR)
+    bound = 4.0 * error + 0.12 * np.abs(truth).max()
+    assert np.all(np.abs(fast - truth) < bound), (fast, truth, error)
+    scale = own.parameters[0].prior_scale
+    square = engine.response(own, CLEAR, (scale,))[AT, 1] * (BETWEEN / scale) ** 2
+    assert np.any(np.abs(square - truth) > bound), "a square must fail"
+
+
+def test_responses_to_an_even_parameter_join_smoothly(engine: EffectEngine) -> None:
+    own = candidates()["lateral_loss"]
+    scale, step = own.parameters[0].prior_scale, 1e-4
+
+    def at(x: float) -> np.ndarray:
+        return engine.response(own, FLAT, (x * scale,))[AT, 1, :2]
+
+    assert np.abs(at(step)).max() < 1e-6, "no slope at nominal"
+    below, above = (at(2.0) - at(2.0 - step)) / step, (at(2.0 + step) - at(2.0)) / step
+    assert np.allclose(below, above, rtol=0.02)
+    assert np.allclose(at(4.0) - at(3.0), at(3.0) - at(2.0)), "straight on, beyond the last"
 
 
 def test_what_an_effect_leaves_alone_does_not_change(engine: EffectEngine) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -80,6 +81,37 @@ def test_closed_form_agrees_with_counts(name: str) -> None:
     # first order in the noise-free reference counts, that carry stray light and the lamp's band
     assert np.abs(found - seen).max() < max(1e-4, 5e-3 * size)
     assert np.abs(base - seen).max() > 0.5 * size, "without the closed form the test must fail"
+
+
+@pytest.mark.parametrize(("name", "value"), [("stray_light", 0.02), ("dark_offset", -150.0)])
+def test_readings_of_the_references_hold_the_effect_too(name: str, value: float) -> None:
+    """A person has the readings of the bench as it is, its stray light and its offset in them."""
+    world = nominal()[0]
+    changed = candidate(world, name).apply(world, (value,))
+    pixels = np.asarray(SAID.bench.instrument.wavelength_nm)
+    taken = visit(SAID, changed)
+    readout = Readout.of(taken)
+    light = at_pixels(SAID, world)
+    found = expected_intensities(changed, light, pixels, readout)
+    size = np.abs(reported(taken) - light).max()
+    assert size > 1e-3
+    assert np.abs(found - reported(taken)).max() < 0.01 * size
+    as_light = expected_intensities(changed, light, pixels, replace(readout, planned=True))
+    assert np.abs(as_light - reported(taken)).max() > 0.03 * size, "readings are no light"
+
+
+def test_a_described_gloss_is_in_the_correction() -> None:
+    """The bare white shows less than its certificate says, and the corrections know."""
+    _, measurement, before = nominal()
+    background = SAID.bench.background
+    white = background.white.model_copy(update={"gloss": 0.2})
+    bench = SAID.bench.model_copy(
+        update={"background": background.model_copy(update={"white": white})}
+    )
+    glossy = relative_intensities(replace(measurement, bench=bench))
+    seen = glossy.value.transpose(2, 0, 1)
+    assert np.allclose(seen[..., :2], 0.8 * before[..., :2])
+    assert np.array_equal(seen[..., 2], before[..., 2])
 
 
 def test_wider_bands_blur_lamp_and_sample() -> None:

@@ -20,12 +20,14 @@ from scipy.stats import chi2
 from diagnosis.calibration import generator_of
 from diagnosis.problem import Problem
 from diagnosis.refit import Fit
-from diagnosis.unknown import polynomials, smooth_columns
+from diagnosis.unknown import FLOOR, polynomials, smooth_columns
 from twin.spectra import FloatArray
 
 DRAWS = 1000
 CHUNK = 250
 SIGNIFICANT = 0.01
+SHARED = ("capture", "all")
+"""Of the looks: what several samples or captures share is a factor on their light, however dark."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,8 @@ def adequacy(problem: Problem, found: Fit, *, seed: int = 0, draws: int = DRAWS)
         ("by repeat", "capture_repeat", polynomials(problem.wavelength_nm, 2) if several else None),
     ):
         if functions is not None:
-            columns = smooth_columns(problem, found.predicted, functions, by=by)
+            floor = 0.0 if by in SHARED else FLOOR
+            columns = smooth_columns(problem, found.predicted, functions, by=by, floor=floor)
             looks.append((name, orthonormal(off(reduction(columns), own))))
     shapes = polynomials(problem.wavelength_nm, 4)
     scan = off(reduction(smooth_columns(problem, found.predicted, shapes)), own)

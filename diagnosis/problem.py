@@ -114,7 +114,7 @@ class Candidate:
         return np.array(self.even or (False,) * self.size, dtype=bool)
 
     def physical(self, coordinate: FloatArray) -> FloatArray:
-        """Deviations from nominal [the parameters' units] of coordinates of a fit, (..., k) each.
+        """Deviations from nominal [the parameters' units] of coordinates of a fit, shape (..., k).
 
         Data are all but linear in the coordinate q, which is the deviation v itself or, of an
         even parameter, v |v| over the prior scale: there v has no slope at nominal to start from.

@@ -32,6 +32,10 @@ LOOSE = 10.0
 """Prior of the amplitude in a fit, in prior scales: it only keeps what is unseen finite."""
 RESTARTS = 3
 """Steps in which wavelengths that ask for longer ones are put between their neighbours."""
+FOLLOWING = 2
+"""Steps of the material alone, where it does not follow a long step of the effects at once."""
+LONG = 0.25
+"""Share of a step that is long."""
 DISAGREE = 0.2
 """Relative difference between linear prediction and refit that is worth saying."""
 
@@ -129,6 +133,20 @@ def fit(
         raise ArithmeticError("the twin has no finite answer where the fit starts")
     columns = reduction(np.moveaxis(raw, 0, -1))
 
+    def followed(
+        trial: FloatArray, prediction: FloatArray, values: Mapping[str, FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """The material at effects that are held, by steps of its own, and its prediction."""
+        for _ in range(FOLLOWING):
+            jacobian = problem.jacobian(trial, values)
+            if not np.isfinite(jacobian[problem.valid]).all():
+                break
+            trial = trial + shortened(reduction.about(jacobian).material_step(data - prediction))
+            if problem.material_reach:
+                trial = np.clip(trial, -np.array(problem.material_reach), problem.material_reach)
+            prediction = problem.forward(trial, values)
+        return trial, prediction
+
     def searched(judge: Reduction, change: FloatArray, moved: FloatArray) -> _Trial | None:
         """The longest share of a step of the effects that the objective allows."""
         share, halvings, retreats = 1.0, HALVINGS, RETREATS
@@ -141,6 +159,10 @@ def fit(
                 trial = np.clip(trial, -np.array(problem.material_reach), problem.material_reach)
             prediction = problem.forward(trial, by_name(chosen, trial_value))
             then = objective(judge, prediction, trial_value)
+            curved = own and share >= LONG and judge is reduction
+            if curved and not then <= before + SETTLED:
+                trial, prediction = followed(trial, prediction, by_name(chosen, trial_value))
+                then = objective(judge, prediction, trial_value)
             if np.isfinite(then) and then <= before + SETTLED:
                 return _Trial(share, share * change, trial_value, trial, prediction)
             share *= 0.5

@@ -20,7 +20,12 @@ FLOOR = 0.02
 
 
 def smooth_columns(
-    problem: Problem, level: FloatArray, functions: FloatArray, *, by: str = "block"
+    problem: Problem,
+    level: FloatArray,
+    functions: FloatArray,
+    *,
+    by: str = "block",
+    floor: float = FLOOR,
 ) -> FloatArray:
     """Deviations of channels that are smooth over wavelength, shape (W, M, groups F).
 
@@ -31,6 +36,7 @@ def smooth_columns(
         by: "block" for one deviation per (capture, sample), in all repeats alike; "channel" for
             one per channel; "capture" or "capture_repeat" for one per capture (and repeat); "all"
             for one in all.
+        floor: level below which deviations are no longer relative to it.
     """
     keys: list[tuple[object, ...]] = []
     for index, channel in enumerate(problem.channels):
@@ -45,7 +51,7 @@ def smooth_columns(
         )
     groups = list(dict.fromkeys(keys))
     member = np.array([[key == group for group in groups] for key in keys], dtype=float)
-    size = np.abs(level) + FLOOR
+    size = np.abs(level) + floor
     columns = (size[:, :, None] * member)[:, :, :, None] * functions[:, None, None, :]
     return np.asarray(columns.reshape(*level.shape, -1))
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from scenarios.console import Console
 from scenarios.outputs import canonical_json, prepare_folder
 from scenarios.sweep import Workers
+from twin.errors import InputError
 from twin.files import write_atomically
 
 RESULT = "design.json"
@@ -45,11 +47,19 @@ def design_file(
     asked, parts = load_goal(goal, quick=quick)
     if simulate:
         workers.check()
-    folder = prepare_folder(out or Path(f"benchtwin-design-{Path(goal).stem}"))
-    found = study(
-        asked, parts, folder=folder / SIMULATIONS if simulate else None, workers=workers,
-        console=console,
-    )  # fmt: skip
+    folder = out or Path(f"benchtwin-design-{Path(goal).stem}")
+    known = folder.exists()
+    prepare_folder(folder)
+    try:
+        found = study(
+            asked, parts, folder=folder / SIMULATIONS if simulate else None, workers=workers,
+            console=console,
+        )  # fmt: skip
+    except InputError:
+        if not known:
+            with suppress(OSError):  # what is in it was worth keeping
+                folder.rmdir()
+        raise
     facts = found.as_json()
     if not asked.targets.fluorescent:
         for number in dict.fromkeys([found.answer, *found.found.front]):

@@ -149,3 +149,32 @@ candidates = 0
         answer["robust"][0]["figures"]["albedo"]["with_effects"]
         >= (answer["robust"][0]["figures"]["albedo"]["predicted"])
     )
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_study_that_cannot_be_leaves_no_folder_behind(tmp_path: Path, known: bool):
+    from scenarios.commands.design import design_file
+    from scenarios.console import Console
+    from scenarios.sweep import Workers
+
+    goal, out = tmp_path / "goal.toml", tmp_path / "out"
+    goal.write_text(
+        """title = "too little"
+budget_usd = 5.0
+[[materials]]
+name = "resin"
+albedo = 0.95
+sigma_t_per_mm = 3.0
+g = 0.7
+[targets]
+albedo = 0.01
+"""
+    )
+    if known:
+        out.mkdir()
+    with pytest.raises(InputError, match="5 USD"):
+        design_file(
+            str(goal), out=out, quick=True, simulate=False, workers=Workers(), as_json=True,
+            console=Console(quiet=True),
+        )  # fmt: skip
+    assert out.exists() is known, "only a folder of its own is taken away"

@@ -26,16 +26,16 @@ from scenarios.sweep import Workers
 from twin.cache import cache_folder
 
 SEED, QUICK_SEED = 20261122, 20261123
-FIRST = 40
+FIRST = 50
 """Material of the full run: those before it were looked at while the method was finished."""
-PARTS, MATERIALS = 6, 10
+PARTS, MATERIALS = 5, 10
 """Suites of the full run, and materials in each: every finished part is worth reading."""
 QUICK = Suite(family="ink", seed=QUICK_SEED, materials=7)
 """Of the development family: what is run often must not wear out the one for the published run."""
 
 
 def parts() -> list[Suite]:
-    """The suites of the full run: 360 measurements, 60 in every arm."""
+    """The suites of the full run: 300 measurements, 50 in every arm."""
     return [
         Suite(family="resin", seed=SEED, first=FIRST + MATERIALS * number, materials=MATERIALS)
         for number in range(PARTS)

@@ -123,6 +123,13 @@ class Candidate:
         given, scale = np.asarray(coordinate, dtype=np.float64), np.array(self.prior_scale)
         return np.where(self._even, np.sign(given) * np.sqrt(np.abs(given) * scale), given)
 
+    def with_response_error(
+        self, coordinate: FloatArray, sd: FloatArray, relative: float
+    ) -> FloatArray:
+        """Standard errors of coordinates, (k,), with the relative one of the deviations added."""
+        own = relative * np.where(self._even, 2.0, 1.0) * np.abs(coordinate)
+        return np.asarray(np.hypot(sd, own))
+
     def physical_sd(self, coordinate: FloatArray, sd: FloatArray) -> FloatArray:
         """Standard errors of deviations, of coordinates and their standard errors, (k,) each.
 
@@ -174,6 +181,8 @@ class Problem:
         material_prior: a smoothness prior to compare the verdict with, or none.
         material_names: names of the P coordinates.
         material_reach: largest magnitudes of the P coordinates that a fit goes to; (): any.
+        response_error: relative standard error of the twin's responses to effects, which the values
+            that are fitted with them share.
     """
 
     wavelength_nm: FloatArray
@@ -191,6 +200,7 @@ class Problem:
     material_prior: Smoothness | None = None
     material_names: tuple[str, ...] = ()
     material_reach: tuple[float, ...] = ()
+    response_error: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse shapes that do not belong together."""

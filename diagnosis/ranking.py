@@ -29,6 +29,7 @@ def ranked(
     for index in sorted(allowed, key=lambda i: -inclusion[i]):
         candidate = problem.candidates[index]
         value, sd, found = values_of(problem, posterior, scores, index)
+        sd = candidate.with_response_error(value, sd, problem.response_error)
         lower, upper = candidate.bounds
         ends = (value - QUANTILE * sd, value + QUANTILE * sd)
         low, high = (candidate.physical(np.clip(end, lower, upper)) for end in ends)

@@ -264,7 +264,10 @@ def _accept(
         before = next((e.values for e in bench.effects if e.name == name), suspect.nominal)
         values = tuple(float(v) for v in np.array(before) + away)
         span = slice(start, start + len(away))
-        errors = tuple(float(v) for v in own[name].physical_sd(best.value[span], sd[span]))
+        error = own[name].with_response_error(
+            best.value[span], sd[span], case.problem.response_error
+        )
+        errors = tuple(float(v) for v in own[name].physical_sd(best.value[span], error))
         start = span.stop
         bench, _ = accept(bench, visit.samples, suspect, values, errors, plain=False)
         alike = dict.fromkeys(n for g in found.groups if name in g for n in g if n != name)

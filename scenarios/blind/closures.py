@@ -31,16 +31,20 @@ def true_closure(record: Record) -> float | None:
 
     With t the reduced response of the world, M the chosen effects' columns, B the directions that
     are judged, v the values that a fit to t finds and f the chi-square that fitting them to noise
-    costs on average: G = 1 - (|B'(t - M v)|^2 + f) / |B't|^2.
+    costs on average: G = 1 - (|B'(t - M v)|^2 + f) / |B't|^2. M are slopes at the fit, as the
+    diagnosis judges: of t the part that the fitted effects explain is taken along these slopes.
     """
     judged = record.outcome["judged"]
     response = np.array(record.label["response"])
     if judged is None or not response.size:
         return None
     shape = (response.shape[0], -1)
-    signal = response.reshape(shape)
+    signal = response.reshape(shape) - np.array(judged["explained"])
+    fitted = np.array(judged["value"])
     along = np.tensordot(np.array(judged["along"]), signal, axes=([1, 2], [0, 1]))
     inner = np.tensordot(np.array(judged["inner"]), signal, axes=([1, 2], [0, 1]))
+    along = along + np.array(judged["moved"]) @ fitted
+    inner = inner + np.array(judged["gram"]) @ fitted
     value = np.linalg.lstsq(np.array(judged["gram"]), inner, rcond=1e-9)[0]
     left = along - np.array(judged["moved"]) @ value
     total = float(along @ along)

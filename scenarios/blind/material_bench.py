@@ -61,7 +61,7 @@ class MaterialBench:
         from scenarios.blind.materials import medium
         from scenarios.blind.visible import Visibility
         from scenarios.worlds import world_visits
-        from twin.effects import World
+        from twin.effects import Readout, World, known_light
         from twin.materials import optical_properties
 
         own = medium(suite.family, stream(suite, number, MEDIUM))
@@ -75,7 +75,10 @@ class MaterialBench:
         found = optical_properties(scenario.samples[0].material or "", suite.pixels_nm)
         truth = np.stack([found.albedo, found.sigma_t_per_mm, found.g], axis=-1)
         maps = maps_of(suite, scenario.bench, scenario.samples)
-        case = translucent_case(visit, maps=maps, material=truth, paths=suite.response_paths)
+        case = translucent_case(
+            visit, maps=maps, material=truth, paths=suite.response_paths,
+            readout=known_light(nominal, Readout.of(visit)),
+        )  # fmt: skip
         return cls(suite, number, own, scenario, nominal, light, Visibility(case, truth))
 
     def measured(self, arm: str) -> tuple[Measurement, dict[str, Any]]:

@@ -28,7 +28,7 @@ from twin.errors import InputError
 from twin.files import write_atomically
 
 if TYPE_CHECKING:
-    from diagnosis import Diagnosis, Problem
+    from diagnosis import Channel, Diagnosis, Problem
     from diagnosis.translucent import TranslucentCase
 
 TASK = "scenarios.blind.run:diagnosed"
@@ -170,10 +170,16 @@ def _closures(
         own = [column for i in chosen for column in problem.columns[i]]
         columns = fit.reduction(np.moveaxis(problem.signatures[own], 0, -1))
     samples = list(dict.fromkeys(channel.sample for channel in problem.channels))
+    fitted = np.zeros(columns.shape[1])
+    explained = np.zeros((len(fit.material), 3 * len(samples)))
+    if chosen in posterior.fits:
+        # the effects as they are, where the columns are their slopes at the fit
+        fitted, plain = fit.value, problem.forward(fit.material, {})
+        for number, channel in enumerate(problem.channels):
+            explained[:, _place(channel, samples)] = (fit.predicted - plain)[:, number]
     units = np.zeros((*problem.value.shape, 3 * len(samples)))
     for number, channel in enumerate(problem.channels):
-        capture = ("black", "white", "collimated").index(channel.capture)
-        units[:, number, 3 * samples.index(channel.sample) + capture] = 1.0
+        units[:, number, _place(channel, samples)] = 1.0
     wavelengths = problem.value.shape[0]
     along = np.zeros((basis.shape[1], wavelengths, units.shape[2]))
     left = np.zeros((columns.shape[1], wavelengths, units.shape[2]))
@@ -189,9 +195,16 @@ def _closures(
         "moved": _rounded(basis.T @ columns),
         "inner": _rounded(left),
         "gram": _rounded(columns.T @ columns),
+        "value": _rounded(fitted),
+        "explained": _rounded(explained),
         "oracle_floor": found.closure.oracle_floor,
     }
     return oracles, judged
+
+
+def _place(channel: Channel, samples: list[str]) -> int:
+    capture = ("black", "white", "collimated").index(channel.capture)
+    return 3 * samples.index(channel.sample) + capture
 
 
 def _rounded(values: np.ndarray) -> list[Any]:

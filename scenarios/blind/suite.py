@@ -35,7 +35,7 @@ MEASUREMENT, SEAL, SALTS, OPENED = "measurement.nc", "seal.json", "salts.json", 
 OUTCOMES_FILE = "outcomes.json"
 STRONGER = 4.0
 """By which the lamps drift more in every second measurement of the arm "none"."""
-VERSION = "5"
+VERSION = "6"
 """Of what is made and how it is diagnosed; results of another are not used."""
 
 

@@ -168,6 +168,7 @@ def test_true_closure_of_the_right_and_of_the_wrong_effect() -> None:
         "along": np.eye(2).reshape(2, 2, 1).tolist(), "oracle_floor": 1.0,
         "moved": [[3.0], [4.0]], "gram": [[25.0]],
         "inner": np.array([[3.0], [4.0]]).reshape(1, 2, 1).tolist(),
+        "value": [0.0], "explained": [[0.0], [0.0]],
     }  # fmt: skip
     label = _label("single", ("gap", 5.0), response=[[[3.0]], [[4.0]]])
     right = Record(0, label, _outcome("effect", ("gap", 1.0), judged=judged))
@@ -176,6 +177,22 @@ def test_true_closure_of_the_right_and_of_the_wrong_effect() -> None:
                  inner=np.array([[4.0], [-3.0]]).reshape(1, 2, 1).tolist())  # fmt: skip
     other = Record(0, label, _outcome("effect", ("gap", 1.0), judged=wrong))
     assert true_closure(other) == pytest.approx(-1.0 / 25.0)
+
+
+def test_true_closure_knows_that_effects_are_curved() -> None:
+    """An effect of (v, v^2), at v = 2: the fit is right, though its slopes point elsewhere."""
+    judged = {
+        "along": np.eye(2).reshape(2, 2, 1).tolist(), "oracle_floor": 1.0,
+        "moved": [[1.0], [4.0]], "gram": [[17.0]],
+        "inner": np.array([[1.0], [4.0]]).reshape(1, 2, 1).tolist(),
+        "value": [2.0], "explained": [[2.0], [4.0]],
+    }  # fmt: skip
+    label = _label("single", ("gap", 5.0), response=[[[2.0]], [[4.0]]])
+    found = Record(0, label, _outcome("effect", ("gap", 1.0), judged=judged))
+    assert true_closure(found) == pytest.approx(1.0 - 1.0 / (4.0 * 17.0))
+    straight = dict(judged, value=[0.0], explained=[[0.0], [0.0]])
+    other = Record(0, label, _outcome("effect", ("gap", 1.0), judged=straight))
+    assert true_closure(other) < true_closure(found) - 0.05, "by the slopes alone a part is open"
 
 
 def test_regret_is_against_one_who_knows() -> None:

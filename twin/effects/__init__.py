@@ -10,7 +10,7 @@ corrections would report of it.
 from twin.effects.accepted import accept
 from twin.effects.effect import Candidate, Effect, EffectParameter
 from twin.effects.engine import EffectEngine
-from twin.effects.expected import expected_intensities
+from twin.effects.expected import expected_intensities, known_light
 from twin.effects.fast import FastLight
 from twin.effects.monte_carlo import world_captures
 from twin.effects.readout import Readout
@@ -37,5 +37,6 @@ __all__ = [
     "candidate",
     "catalogue",
     "expected_intensities",
+    "known_light",
     "world_captures",
 ]

@@ -9,6 +9,7 @@ The formulas are those of `twin.instrument` and `twin.measurement`, on expected 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -127,6 +128,19 @@ def light_rates(world: World, light: FloatArray, wavelength: FloatArray, plan: R
         )  # fmt: skip
     lamps = np.stack([lamp(source, wavelength) for source in sources])
     return Rates(wavelength, rows, plan.exposure, rho, lamps)
+
+
+def known_light(world: World, readout: Readout) -> Readout:
+    """The readout of a visit to a known world, with the light behind its readings.
+
+    Worlds are then judged in the light of that one; else every world is one that gave the readings.
+    """
+    return replace(
+        readout,
+        white=_behind(world, readout, readout.white, WHITE_REFERENCE),
+        beam=_behind(world, readout, readout.beam, BEAM_REFERENCE),
+        planned=True,
+    )
 
 
 def _behind(world: World, plan: Readout, read: FloatArray, capture: int) -> FloatArray:

@@ -39,7 +39,7 @@ class Readout:
         beam: signal of the beam reference [electrons/s], shape (S, W); the same.
         integration_s: of the captures in the order `LIT` [s], shape (S, 6).
         gain: of the captures, shape (S, 6).
-        planned: whether it was planned and not taken from a visit's counts.
+        planned: whether it is the light itself, planned or known, and not a visit's readings.
     """
 
     wavelength_nm: FloatArray

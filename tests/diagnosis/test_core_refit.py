@@ -56,6 +56,15 @@ def test_errors_of_an_even_parameter_are_those_of_its_slope() -> None:
     assert at_nominal == pytest.approx(0.5 * EVEN.physical(sd))
 
 
+@pytest.mark.parametrize("even", [(), (True,)])
+def test_an_error_of_the_responses_is_one_of_the_values(even: tuple[bool, ...]) -> None:
+    candidate = replace(EVEN, even=even)
+    q, sd = np.array([2.0]), np.array([0.05])
+    both = candidate.physical_sd(q, candidate.with_response_error(q, sd, 0.1))
+    alone = candidate.physical_sd(q, sd)
+    assert both == pytest.approx(np.hypot(alone, 0.1 * candidate.physical(q)))
+
+
 @pytest.mark.parametrize("sigmas", [4.0, 20.0])
 def test_an_even_effect_is_fitted_in_one_step(linear_toy, sigmas: float) -> None:
     q = float(linear_toy.visible("stray light", sigmas)[0])

@@ -13,7 +13,7 @@ from scenarios.worlds import world_visits
 from tests.effects.worlds import scenario
 from twin.adding_doubling import captures
 from twin.bench import Bench, Sample
-from twin.effects import Readout, World, candidate, catalogue, expected_intensities
+from twin.effects import Readout, World, candidate, catalogue, expected_intensities, known_light
 from twin.errors import InputError
 from twin.measurement import Measurement, relative_intensities
 from twin.transport import NoiselessCaptures
@@ -73,7 +73,8 @@ def test_closed_form_agrees_with_counts(name: str) -> None:
     pixels = np.asarray(SAID.bench.instrument.wavelength_nm)
     seen = reported(visit(SAID, changed))
     base = at_pixels(SAID, changed)
-    found = expected_intensities(changed, base, pixels, Readout.of(measurement))
+    known = known_light(world, Readout.of(measurement))
+    found = expected_intensities(changed, base, pixels, known)
     # a shift leaves the outermost label without neighbours on one side
     seen, before, found, base = (each[1:-1] for each in (seen, before, found, base))
     size = np.abs(seen - before).max()

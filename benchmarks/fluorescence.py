@@ -36,7 +36,8 @@ Keys (medians over materials; RMSE of the 465 cells below the diagonal, and of t
   `speed_ratio_adam_linear` the first over `donaldson-linear`. `seconds_per_material_quick`,
   `speed_ratio_adam_quick`, `rmse_ratio_fluo_quick_by_setup`: `donaldson-quick`, whose accuracy is
   another; its gain is made from the batch before, and from one sample it takes
-  `quick_preparation_seconds`.
+  `quick_preparation_seconds`. `..._learned...` the same of `donaldson-learned`, whose network is
+  trained once for a set-up in `learned_preparation_seconds`, on drawn materials.
 - `fitoolbox_max_relative_error`: the forward model against fiToolbox's simulated set.
 """
 
@@ -114,6 +115,7 @@ def _compare(name: str, truths: Sequence[Any], bases: Any, quick: bool) -> dict[
     )
     from estimators.fluorescence.colour import monochromatic_difference
     from estimators.fluorescence.donaldson import DonaldsonEstimator, DonaldsonSettings
+    from estimators.fluorescence.learned import DonaldsonLearnedEstimator, DonaldsonLearnedSettings
     from estimators.fluorescence.quick import DonaldsonQuickEstimator
     from scenarios.figures.fluorescence_runs import captures, errors
 
@@ -127,8 +129,14 @@ def _compare(name: str, truths: Sequence[Any], bases: Any, quick: bool) -> dict[
     swift.estimate_batch(data[:1])
     preparation = time.process_time() - begin
     swift = DonaldsonQuickEstimator()
+    few = DonaldsonLearnedSettings(materials=5000, epochs=2) if quick else None
+    learned = DonaldsonLearnedEstimator(few)
+    begin = time.process_time()
+    learned.estimate_batch(data[: 1 if quick else 16])
+    training = time.process_time() - begin
     methods: dict[str, Any] = {
-        "donaldson": ours, "donaldson-linear": linear, "donaldson-quick": swift, "gmm-adam": adam,
+        "donaldson": ours, "donaldson-linear": linear, "donaldson-quick": swift,
+        "donaldson-learned": learned, "gmm-adam": adam,
         "blasinski": BlasinskiEstimator(plain), "blasinski-cv": BlasinskiEstimator(tuned),
     }  # fmt: skip
     results = {}
@@ -140,15 +148,10 @@ def _compare(name: str, truths: Sequence[Any], bases: Any, quick: bool) -> dict[
     nothing = errors(np.zeros_like(truth), truth)[0]
     colours = {
         m: float(np.median(monochromatic_difference(matrices[m], truth, GRID)))
-        for m in ("donaldson", "gmm-adam", "blasinski-cv")
+        for m in ("donaldson", "donaldson-learned", "gmm-adam", "blasinski-cv")
     }
-    inside, between = (
-        (truth >= edge[:, 0] - 1e-9) & (truth <= edge[:, -1] + 1e-9)
-        for edge in (
-            np.array([r.interval for r in results["donaldson"]]),
-            np.array([r.quantile for r in results["donaldson"]]),
-        )
-    )
+    inside = _inside(results["donaldson"], truth)
+    between = _inside(results["donaldson"], truth, "quantile")
     below = np.tril(np.ones(truth.shape[1:], dtype=bool), -1)
     low = np.broadcast_to(below, truth.shape)
     flagged = np.array([r.undetermined for r in results["donaldson"]]) & low
@@ -174,16 +177,24 @@ def _compare(name: str, truths: Sequence[Any], bases: Any, quick: bool) -> dict[
                 ("determined", low & ~flagged & ~zero), ("undetermined", flagged), ("at_zero", zero)
             )
         },
+        "coverage_learned": float(_inside(results["donaldson-learned"], truth)[:, below].mean()),
         "misfit": _misfit(data, matrices["donaldson"]),
-        "preparation": preparation,
+        "preparation": preparation, "training": training,
         "seconds": {
             "donaldson": _seconds(ours, single), "donaldson-linear": _seconds(linear, single),
             "donaldson-quick": _seconds(swift, data),
+            "donaldson-learned": _seconds(learned, data),
             "gmm-adam": _seconds(adam, single), "gmm-adam-loop": _seconds(loop, data[:1]),
         },
         "weights": {k: getattr(tuned, k) for k in ("alpha", "beta", "gamma", "eta")},
         "status": _counted([r.status.name.lower() for r in results["donaldson"]]),
     }  # fmt: skip
+
+
+def _inside(results: Sequence[Any], truth: FloatArray, edges: str = "interval") -> Any:
+    """Which cells (B, Wo, Wi) lie inside their 90 % intervals, or between the outer quantiles."""
+    edge = np.array([getattr(each, edges) for each in results])
+    return (truth >= edge[:, 0] - 1e-9) & (truth <= edge[:, -1] + 1e-9)
 
 
 def _misfit(data: Sequence[Any], matrices: FloatArray) -> FloatArray:
@@ -259,6 +270,14 @@ def _summary(found: dict[str, dict[str, Any]]) -> dict[str, Any]:
         "seconds_per_material_quick": slowest("donaldson-quick"),
         "speed_ratio_adam_quick": whole / slowest("donaldson-quick"),
         "rmse_ratio_fluo_quick_by_setup": ratio("fluo", "gmm-adam", "donaldson-quick"),
+        "seconds_per_material_learned": slowest("donaldson-learned"),
+        "speed_ratio_adam_learned": whole / slowest("donaldson-learned"),
+        "rmse_ratio_fluo_learned": middle(ratio("fluo", "gmm-adam", "donaldson-learned")),
+        "rmse_ratio_fluo_learned_by_setup": ratio("fluo", "gmm-adam", "donaldson-learned"),
+        "rmse_ratio_diag_learned": middle(ratio("diag", "gmm-adam", "donaldson-learned")),
+        "de2000_ratio_learned": middle(ratio("colour", "gmm-adam", "donaldson-learned")),
+        "coverage90_learned": float(np.mean([e["coverage_learned"] for e in found.values()])),
+        "learned_preparation_seconds": max(each["training"] for each in found.values()),
         "quick_preparation_seconds": max(each["preparation"] for each in found.values()),
         "seconds_per_material": ours, "adam_seconds": whole, "adam_loop_seconds": loop,
         "speed_ratio_adam": whole / ours, "speed_ratio_adam_loop": loop / ours,

@@ -166,7 +166,9 @@ def gather(data: Sequence[FluorescenceData]) -> Captures:
 def assumed_variance(data: FluorescenceData) -> FloatArray:
     """What is added to the variance of the M valid captures where zero is stated, (M,)."""
     valid = data.valid
-    silent = data.variance[valid] + (data.common[:, valid] ** 2).sum(axis=0) <= 0.0
+    silent = data.variance[valid] <= 0.0
+    if silent.any():  # else the errors in common, which are many, need not be added
+        silent &= (data.common[:, valid] ** 2).sum(axis=0) <= 0.0
     return np.where(silent, (ASSUMED_NOISE * np.abs(data.value[valid]).max()) ** 2, 0.0)
 
 

@@ -61,11 +61,11 @@ class DonaldsonQuickSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class _Kept:
+class Gain:
     """What is made once; M valid captures, N = C + D unknowns.
 
     Attributes:
-        system: the mean calibration; valid: (J K,); sigma: noise, (M,).
+        system: the mean calibration; valid: (J K,); sigma: noise, (M,); noise: covariance, (M, M).
         cells: the unknowns; places: of the unknowns in the flattened matrix, (N,).
         move: unknowns of captures, (M, N); left: residual of captures, (M, M).
         mean: of the unknowns a priori, (N,); upper: bounds, (N,); deviation: posterior, (N,).
@@ -76,6 +76,7 @@ class _Kept:
     system: FluorescenceSystem
     valid: NDArray[np.bool_]
     sigma: FloatArray
+    noise: FloatArray
     cells: Cells
     places: NDArray[np.intp]
     move: FloatArray
@@ -104,6 +105,14 @@ class _Kept:
         level = float(np.median(sigma / self.sigma))
         return 1.0 / LIKE_NOISE < level < LIKE_NOISE
 
+    def captured(self, system: FluorescenceSystem, unknowns: FloatArray) -> FloatArray:
+        """Valid captures (M,) of unknowns (N,) under the calibration of one sample."""
+        shape = (self.cells.emission_nm.size, self.cells.excitation_nm.size)
+        full = np.zeros(shape[0] * shape[1])
+        full[self.places] = unknowns
+        seen = system.illuminants @ full.reshape(shape).T @ system.sensitivities.T
+        return np.asarray(seen.reshape(-1)[self.valid])
+
 
 class DonaldsonQuickEstimator:
     """The linear estimate in about a millisecond, after the first sample of a set-up."""
@@ -114,7 +123,7 @@ class DonaldsonQuickEstimator:
             k: v if isinstance(v, (int, float)) else str(v)
             for k, v in asdict(self._settings).items()
         }
-        self._kept: list[_Kept] = []
+        self._kept: list[Gain] = []
 
     @property
     def name(self) -> str:
@@ -127,7 +136,7 @@ class DonaldsonQuickEstimator:
         Raises:
             InputError: captures that cannot be used.
         """
-        return self._one(data, self._gain(data, [data]))
+        return self._one(data, self.gain_for(data, [data]))
 
     def estimate_batch(self, data: list[FluorescenceData]) -> list[FluorescenceResult]:
         """Estimate several; a gain is made from all samples like the first that needs one.
@@ -135,81 +144,105 @@ class DonaldsonQuickEstimator:
         Raises:
             InputError: captures that cannot be used.
         """
-        return [self._one(one, self._gain(one, data)) for one in data]
+        return [self._one(one, self.gain_for(one, data)) for one in data]
 
-    def _gain(self, data: FluorescenceData, others: Sequence[FluorescenceData]) -> _Kept:
+    def gain_for(self, data: FluorescenceData, others: Sequence[FluorescenceData]) -> Gain:
+        """The kept gain that serves a sample, or one made from it and others like it.
+
+        Raises:
+            InputError: captures that cannot be used.
+        """
         checked(data)
-        sigma = _sigma(data)
+        sigma = deviation_of(data)
         for known in self._kept:
             if known.serves(data, sigma):
                 return known
-        alike = _make([data], self._settings)
+        alike = make_gain([data], self._settings)
         if len(others) > 1:
-            like = [one for one in others if alike.serves(one, _sigma(one))]
-            alike = _make(like[: self._settings.samples] or [data], self._settings)
+            like = [one for one in others if alike.serves(one, deviation_of(one))]
+            alike = make_gain(like[: self._settings.samples] or [data], self._settings)
         self._kept = [alike, *self._kept[:7]]
         return alike
 
-    def _one(self, data: FluorescenceData, known: _Kept) -> FluorescenceResult:
-        system, valid, cells = data.system, known.valid, known.cells
-        shape = (cells.emission_nm.size, cells.excitation_nm.size)
-        full = np.zeros(shape[0] * shape[1])
-        light, sight = system.illuminants, system.sensitivities.T
-
-        def captured(unknowns: FloatArray) -> FloatArray:
-            full[known.places] = unknowns
-            return np.asarray((light @ full.reshape(shape).T @ sight).reshape(-1)[valid])
-
-        value = data.value.reshape(-1)[valid]
-        left = value - captured(known.mean)
+    def _one(self, data: FluorescenceData, known: Gain) -> FluorescenceResult:
+        value = data.value.reshape(-1)[known.valid]
+        left = value - known.captured(data.system, known.mean)
         target = value - known.left @ left
         found = np.clip(known.mean + left @ known.move, 0.0, known.upper)
         for _ in range(self._settings.rounds):
-            found += (target - captured(found)) @ known.move
+            found += (target - known.captured(data.system, found)) @ known.move
             np.clip(found, 0.0, known.upper, out=found)
-        off = np.full(valid.size, np.nan)
-        off[valid] = captured(found) - value
-        residual = off.reshape(data.value.shape)
-        chi_square = float(left @ known.inverse @ left)
-        quantile = np.zeros((LEVELS.size, full.size))
-        quantile[:, known.places] = np.clip(
-            found + np.array([[-Z90], [0.0], [Z90]]) * known.deviation, 0.0, known.upper
-        )
-        deviation = np.zeros(full.size)
-        deviation[known.places] = known.deviation
-        full[known.places] = found
-        sigma = np.full(valid.size, np.nan)
-        sigma[valid] = known.sigma
-        status = FluorescenceStatus.OK
-        if chi_square > left.size + 5.0 * np.sqrt(2.0 * left.size):
-            status = FluorescenceStatus.INCONSISTENT
-        elif not valid.all():
-            status = FluorescenceStatus.MASKED
-        elif known.undetermined.any():
-            status = FluorescenceStatus.UNDETERMINED_CELLS
-        elif assumed_variance(data).any():
-            status = FluorescenceStatus.NO_NOISE_STATED
-        return FluorescenceResult(
-            estimator=self.name, sample=data.sample, emission_nm=cells.emission_nm,
-            excitation_nm=cells.excitation_nm, matrix=full.reshape(shape).copy(),
-            standard_deviation=deviation.reshape(shape), quantile_level=LEVELS,
-            quantile=quantile.reshape(LEVELS.size, *shape), undetermined=known.undetermined,
-            status=status, residual=residual,
-            residual_normalised=residual / sigma.reshape(residual.shape), settings=self._plain,
-            fingerprint=fingerprint(data, self.name, {**self._plain, "gain": known.made_from}),
-            messages=data.reasons,
-            statistics={"chi_square": chi_square, "directions": float(left.size)},
+        quantile = found + np.array([[-Z90], [0.0], [Z90]]) * known.deviation
+        return result_of(
+            self.name, self._plain, data, known, found, np.clip(quantile, 0.0, known.upper),
+            known.deviation, float(left @ known.inverse @ left), known.made_from,
         )  # fmt: skip
 
 
-def _sigma(data: FluorescenceData) -> FloatArray:
+def result_of(
+    name: str, settings: dict[str, str | int | float], data: FluorescenceData, known: Gain,
+    found: FloatArray, quantile: FloatArray, deviation: FloatArray, chi_square: float,
+    made_from: str,
+) -> FluorescenceResult:  # fmt: skip
+    """The result of an estimate with something that was kept.
+
+    Args:
+        name: of the estimator.
+        settings: its own.
+        data: one sample.
+        known: the gain that serves it.
+        found: unknowns inside their bounds, (N,).
+        quantile: 0.05, 0.5 and 0.95 quantiles, (3, N).
+        deviation: standard deviations, (N,).
+        chi_square: what tells an inconsistent sample, over the M captures.
+        made_from: identifies what was kept.
+    """
+    cells, valid = known.cells, known.valid
+    shape = (cells.emission_nm.size, cells.excitation_nm.size)
+
+    def whole(unknowns: FloatArray) -> FloatArray:
+        full = np.zeros((*unknowns.shape[:-1], shape[0] * shape[1]))
+        full[..., known.places] = unknowns
+        return full.reshape(*unknowns.shape[:-1], *shape)
+
+    off = np.full(valid.size, np.nan)
+    off[valid] = known.captured(data.system, found) - data.value.reshape(-1)[valid]
+    residual = off.reshape(data.value.shape)
+    sigma = np.full(valid.size, np.nan)
+    sigma[valid] = known.sigma
+    size = known.sigma.size
+    status = FluorescenceStatus.OK
+    if chi_square > size + 5.0 * np.sqrt(2.0 * size):
+        status = FluorescenceStatus.INCONSISTENT
+    elif not valid.all():
+        status = FluorescenceStatus.MASKED
+    elif known.undetermined.any():
+        status = FluorescenceStatus.UNDETERMINED_CELLS
+    elif assumed_variance(data).any():
+        status = FluorescenceStatus.NO_NOISE_STATED
+    return FluorescenceResult(
+        estimator=name, sample=data.sample, emission_nm=cells.emission_nm,
+        excitation_nm=cells.excitation_nm, matrix=whole(found),
+        standard_deviation=whole(deviation), quantile_level=LEVELS, quantile=whole(quantile),
+        undetermined=known.undetermined, status=status, residual=residual,
+        residual_normalised=residual / sigma.reshape(residual.shape), settings=settings,
+        fingerprint=fingerprint(data, name, {**settings, "gain": made_from}),
+        messages=data.reasons,
+        statistics={"chi_square": chi_square, "directions": float(size)},
+    )  # fmt: skip
+
+
+def deviation_of(data: FluorescenceData) -> FloatArray:
     """Standard deviation of the valid captures, (M,)."""
     valid = data.valid
-    variance = data.variance[valid] + (data.common[:, valid] ** 2).sum(axis=0)
+    common = data.common.reshape(len(data.common), valid.size)
+    shared = np.einsum("km,km->m", common, common)[valid.reshape(-1)]
+    variance = data.variance[valid] + shared
     return np.asarray(np.sqrt(variance + assumed_variance(data)))
 
 
-def _make(data: Sequence[FluorescenceData], settings: DonaldsonQuickSettings) -> _Kept:
+def make_gain(data: Sequence[FluorescenceData], settings: DonaldsonQuickSettings) -> Gain:
+    """The gain of the linear estimate for samples of one set-up with the same valid captures."""
     each = [gather([one]) for one in data]
     system = FluorescenceSystem(
         np.mean([one.system.illuminants for one in data], axis=0),
@@ -236,8 +269,8 @@ def _make(data: Sequence[FluorescenceData], settings: DonaldsonQuickSettings) ->
     mean[row.size :], upper[row.size :] = prior.reflectance_mean, 1.0
     undetermined = system.blind()
     undetermined[cells.below_diagonal] |= remaining_variance(reduced) > UNDETERMINED
-    return _Kept(
-        system, valid, sigma, cells, places, np.ascontiguousarray(inverse @ gain),
+    return Gain(
+        system, valid, sigma, noise, cells, places, np.ascontiguousarray(inverse @ gain),
         noise @ inverse, mean, upper, np.sqrt(np.maximum(variance, 0.0)), inverse, undetermined,
         sha256("".join(fingerprint(one, "", {}) for one in data).encode()).hexdigest(),
     )  # fmt: skip

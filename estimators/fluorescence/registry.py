@@ -15,6 +15,7 @@ _OURS = {
     "donaldson": ("donaldson", "DonaldsonEstimator", "DonaldsonSettings", {}),
     "donaldson-linear": ("donaldson", "DonaldsonEstimator", "DonaldsonSettings", {"products": 0}),
     "donaldson-quick": ("quick", "DonaldsonQuickEstimator", "DonaldsonQuickSettings", {}),
+    "donaldson-learned": ("learned", "DonaldsonLearnedEstimator", "DonaldsonLearnedSettings", {}),
     "gmm-adam": ("adam", "GmmAdamEstimator", "GmmAdamSettings", {}),
     "blasinski": ("blasinski", "BlasinskiEstimator", "BlasinskiSettings", {}),
     "fluorescence-posterior": (

@@ -1,0 +1,142 @@
+"""The estimator `donaldson-learned`: the posterior mean, learned once for a set-up.
+
+For the first sample of a set-up a network is trained on materials drawn from the prior of
+`donaldson` (`learned_draws`, `learned_network`): two to three minutes. Every further sample costs
+less than a millisecond: its light levels are brought to those of the network, the network
+estimates, and what the captures say beyond it is added with a kept gain, inside the bounds of a
+matrix and with the sample's own calibration. Other valid captures, other light by more than 5 % or
+noise of more than four times or less than a quarter need another network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from estimators.fluorescence.learned_draws import MaterialPrior
+from estimators.fluorescence.learned_network import Network, train
+from estimators.fluorescence.quick import (
+    DonaldsonQuickEstimator,
+    DonaldsonQuickSettings,
+    Gain,
+    result_of,
+)
+from estimators.fluorescence.result import FluorescenceResult
+from twin.errors import InputError
+from twin.fluorescence.system import FluorescenceData
+
+Z90 = 1.6448536269514722
+"""95 % quantile of the standard normal distribution."""
+WIDER = 1.7
+"""How much wider the intervals are than the network learns: materials are not quite like the draws.
+From the coverage on generated matrices."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DonaldsonLearnedSettings:
+    """Options of the estimator `donaldson-learned`."""
+
+    materials: int = 200_000
+    """Drawn materials that a network is trained on; 2 kB of memory each."""
+    epochs: int = 20
+    """How often each of them is seen, with new noise every time."""
+    width: int = 256
+    layers: int = 3
+    directions: int = 150
+    """Most directions of the captures that the network sees."""
+    rounds: int = 1
+    """Corrections by what the captures say beyond the network."""
+    samples: int = 16
+    """Most samples of a batch that calibration and noise are averaged over."""
+    seed: int = 1
+    prior: MaterialPrior = field(default_factory=MaterialPrior)
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("materials", 100, 10**8), ("epochs", 1, 10**4), ("width", 1, 10**4),
+            ("layers", 1, 20), ("directions", 1, 10**4), ("rounds", 0, 1000),
+            ("samples", 1, 1000), ("seed", 0, 2**63),
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+                raise InputError(f"{value!r}", f"an integer of {low} to {high}", place=name)
+
+
+class DonaldsonLearnedEstimator:
+    """The posterior mean by a network that is trained once for a set-up."""
+
+    def __init__(self, settings: DonaldsonLearnedSettings | None = None) -> None:
+        self._settings = settings or DonaldsonLearnedSettings()
+        self._plain = {
+            k: v if isinstance(v, (int, float)) else str(v)
+            for k, v in asdict(self._settings).items()
+        }
+        self._gains = DonaldsonQuickEstimator(
+            DonaldsonQuickSettings(
+                samples=self._settings.samples, background=self._settings.prior.background
+            )
+        )
+        self._networks: list[tuple[Gain, Network]] = []
+
+    @property
+    def name(self) -> str:
+        """Name in the registry and in reports."""
+        return "donaldson-learned"
+
+    def estimate(self, data: FluorescenceData) -> FluorescenceResult:
+        """Estimate one matrix, with the network of an earlier sample where it serves.
+
+        Raises:
+            InputError: captures that cannot be used.
+        """
+        return self._one(data, [data])
+
+    def estimate_batch(self, data: list[FluorescenceData]) -> list[FluorescenceResult]:
+        """Estimate several; a network is trained for all samples like the first that needs one.
+
+        Raises:
+            InputError: captures that cannot be used.
+        """
+        return [self._one(one, data) for one in data]
+
+    def _network(self, known: Gain) -> Network:
+        for gain, network in self._networks:
+            if gain is known:
+                return network
+        shape = (-1, known.cells.emission_nm.size * known.cells.excitation_nm.size)
+        design = known.system.design().reshape(shape)[known.valid][:, known.places]
+        own = self._settings
+        network = train(
+            design, known.noise, known.cells, own.prior, draws=own.materials, epochs=own.epochs,
+            width=own.width, layers=own.layers, directions=own.directions, seed=own.seed,
+        )  # fmt: skip
+        self._networks = [(known, network), *self._networks[:7]]
+        return network
+
+    def _one(
+        self, data: FluorescenceData, others: Sequence[FluorescenceData]
+    ) -> FluorescenceResult:
+        known = self._gains.gain_for(data, others)
+        network = self._network(known)
+        light, usual = data.system.illuminants, known.system.illuminants
+        level = (usual**2).sum(axis=1) / (light * usual).sum(axis=1)
+        value = data.value.reshape(-1)[known.valid]
+        alike = (data.value * level[:, None]).reshape(-1)[known.valid]
+        found, wide, size = network.unknowns(alike)
+        np.clip(found, 0.0, known.upper, out=found)
+        left = value - known.captured(data.system, found)
+        chi_square = float(left @ network.inverse[size] @ left)
+        for turn in range(self._settings.rounds):
+            if turn:
+                left = value - known.captured(data.system, found)
+            found += left @ network.move[size]
+            np.clip(found, 0.0, known.upper, out=found)
+        wide *= WIDER
+        quantile = np.stack([found - wide[0], found, found + wide[1]])
+        return result_of(
+            self.name, self._plain, data, known, found,
+            np.clip(quantile, 0.0, known.upper), wide.sum(axis=0) / (2.0 * Z90), chi_square,
+            known.made_from,
+        )  # fmt: skip

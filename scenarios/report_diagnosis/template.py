@@ -18,6 +18,7 @@ from scenarios.report_diagnosis.words import (
     percent,
     place_text,
     proposal_rows,
+    rare,
     rounded,
     unit_text,
     where_sentences,
@@ -108,7 +109,7 @@ def filled(
         groups=[", ".join(group) for group in found.groups],
         where=where_sentences(found, belongs),
         blocks=[
-            [place_text(b, belongs), f"{b.statistic:.1f}", f"{b.p:.2g}"]
+            [place_text(b, belongs), f"{b.statistic:.1f}", rare(b.p)]
             for b in found.where
             if b.p < SIGNIFICANT
         ][:ROWS],
@@ -116,7 +117,7 @@ def filled(
             [
                 place_text(e, belongs),
                 f"{100 * e.healed:.0f} %",
-                f"{e.rest:.2g}",
+                rare(e.rest),
                 "yes" if e.heals else "no",
             ]
             for e in found.enters[:ROWS]
@@ -150,7 +151,7 @@ def _sentences(found: Diagnosis) -> list[str]:
         said.append(found.reason[:1].upper() + found.reason[1:] + ".")
     # Without a gap the reason has said so already.
     if found.p == found.p and found.verdict != "no_gap":
-        said.append(f"Data like these occur without any gap with probability {found.p:.2g}.")
+        said.append(f"Data like these occur without any gap with probability {rare(found.p)}.")
     if found.verdict not in ("no_gap",) and found.unknown_probability == found.unknown_probability:
         said.append(
             f"Something outside the catalogue: {percent(found.unknown_probability)}; no effect at"
@@ -210,7 +211,7 @@ def adequacy_rows(found: Diagnosis) -> list[list[str]]:
     if rest is None:
         return []
     rows = [
-        [name, f"{statistic:.1f}", str(freedom), f"{p:.2g}"]
+        [name, f"{statistic:.1f}", str(freedom), rare(p)]
         for name, statistic, freedom, p in rest.tests
     ]
-    return [*rows, ["all looks together", "", "", f"{rest.p:.2g}"]]
+    return [*rows, ["all looks together", "", "", rare(rest.p)]]

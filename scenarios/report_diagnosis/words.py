@@ -23,6 +23,13 @@ BLOCKS = 4
 MOST_MOVED = 4
 """Parameters of the material in the sentence of how far they move."""
 SIGNIFICANT = 0.05
+RAREST = 1e-6
+"""Probability below which tails of the noise are not known well enough for a number."""
+
+
+def rare(probability: float) -> str:
+    """A p-value in two digits, or that it is below what can be known of noise."""
+    return f"{probability:.2g}" if probability >= RAREST else f"< {RAREST:.0e}".replace("-0", "-")
 
 
 @dataclass(frozen=True)
@@ -133,11 +140,11 @@ def where_sentences(found: Diagnosis, belongs: tuple[str, str] = OF_SAMPLES) -> 
     """Where the gap shows, and where it enters."""
     loud = [block for block in found.where if block.p < SIGNIFICANT]
     said = [
-        f"shows in {place_text(b, belongs)} ({b.statistic:.1f} sd above noise, p = {b.p:.2g})"
+        f"shows in {place_text(b, belongs)} ({b.statistic:.1f} sd above noise, p = {rare(b.p)})"
         for b in loud[:BLOCKS]
     ]
     said += [
-        f"enters in {place_text(e, belongs)}: without it the rest is noise (p = {e.rest:.2g})"
+        f"enters in {place_text(e, belongs)}: without it the rest is noise (p = {rare(e.rest)})"
         for e in [entry for entry in found.enters if entry.heals][:2]
     ]
     return said or ["shows nowhere: no block is louder than noise"]

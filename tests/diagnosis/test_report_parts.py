@@ -11,7 +11,7 @@ import pytest
 from diagnosis import Channel, Diagnosis
 from scenarios.report_diagnosis.colour import capture_rows
 from scenarios.report_diagnosis.residual_plot import mean_residual
-from scenarios.report_diagnosis.words import where_sentences
+from scenarios.report_diagnosis.words import rare, where_sentences
 from twin.spectra import FloatArray
 
 WAVELENGTH = np.arange(400.0, 701.0, 10.0)
@@ -67,3 +67,11 @@ def test_a_capture_has_its_colour_where_it_is_known() -> None:
 def test_without_a_loud_block_the_sentence_can_follow_the_gap() -> None:
     said = where_sentences(Diagnosis(verdict="no_gap", reason=""))
     assert said == ["shows nowhere: no block is louder than noise"]
+
+
+@pytest.mark.parametrize(
+    ("probability", "words"),
+    [(0.0304, "0.03"), (2.5e-6, "2.5e-06"), (6e-54, "< 1e-6"), (0.0, "< 1e-6")],
+)
+def test_tails_of_the_noise_get_no_number(probability: float, words: str) -> None:
+    assert rare(probability) == words

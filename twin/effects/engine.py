@@ -237,8 +237,8 @@ class EffectEngine:
             if parameter.even:
                 for at, share in zip(EVEN_AT, _even_shares(abs(x)), strict=True):
                     if share:
-                        value = parameter.nominal + at * near
-                        own = self._measured(candidate, parameter, value, material)[0]
+                        there = parameter.nominal + at * near
+                        own = self._measured(candidate, parameter, there, material)[0]
                         total = total + share * own
             else:
                 far = -1.0 if parameter.sign == "any" else 2.0

@@ -1,22 +1,25 @@
 """The estimator `donaldson-learned`: the posterior mean, learned once for a set-up.
 
 For the first sample of a set-up a network is trained on materials drawn from the prior of
-`donaldson` (`learned_draws`, `learned_network`): two to three minutes. Every further sample costs
-less than a millisecond: its light levels are brought to those of the network, the network
-estimates, and what the captures say beyond it is added with a kept gain, inside the bounds of a
-matrix and with the sample's own calibration. Other valid captures, other light by more than 5 % or
-noise of more than four times or less than a quarter need another network.
+`donaldson` (`learned_draws`, `learned_training`): minutes, and kept on disk. Every further sample
+costs about a millisecond: its light levels are brought to those of the network, the network looks,
+sees under the sample's own calibration what the captures say beyond its estimate, and looks again.
+Other valid captures, other light by more than 5 % or noise of more than four times or less than a
+quarter need another network.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
 from estimators.fluorescence.learned_draws import MaterialPrior
-from estimators.fluorescence.learned_network import Network, train
+from estimators.fluorescence.learned_network import Network
+from estimators.fluorescence.learned_training import train
 from estimators.fluorescence.quick import (
     DonaldsonQuickEstimator,
     DonaldsonQuickSettings,
@@ -24,12 +27,16 @@ from estimators.fluorescence.quick import (
     result_of,
 )
 from estimators.fluorescence.result import FluorescenceResult
+from twin.cache import cache_folder, content_key, load_arrays, store_arrays
 from twin.errors import InputError
 from twin.fluorescence.system import FluorescenceData
+from twin.spectra import FloatArray
 
 Z90 = 1.6448536269514722
 """95 % quantile of the standard normal distribution."""
-WIDER = 1.7
+VERSION = 1
+"""Of what is kept on disk: another one where the draws, the network or its training change."""
+WIDER = 2.3
 """How much wider the intervals are than the network learns: materials are not quite like the draws.
 From the coverage on generated matrices."""
 
@@ -44,19 +51,22 @@ class DonaldsonLearnedSettings:
     """How often each of them is seen, with new noise every time."""
     width: int = 256
     layers: int = 3
+    """Of the first look; the second has one."""
+    terms: int = 6
+    """Products of an emission and an excitation spectrum in the first look."""
     directions: int = 150
     """Most directions of the captures that the network sees."""
-    rounds: int = 1
-    """Corrections by what the captures say beyond the network."""
     samples: int = 16
     """Most samples of a batch that calibration and noise are averaged over."""
     seed: int = 1
+    keep: bool = True
+    """Whether networks are kept in the cache folder, where the same captures find them again."""
     prior: MaterialPrior = field(default_factory=MaterialPrior)
 
     def __post_init__(self) -> None:
         for name, low, high in (
             ("materials", 100, 10**8), ("epochs", 1, 10**4), ("width", 1, 10**4),
-            ("layers", 1, 20), ("directions", 1, 10**4), ("rounds", 0, 1000),
+            ("layers", 1, 20), ("terms", 1, 100), ("directions", 1, 10**4),
             ("samples", 1, 1000), ("seed", 0, 2**63),
         ):  # fmt: skip
             value = getattr(self, name)
@@ -65,13 +75,20 @@ class DonaldsonLearnedSettings:
 
 
 class DonaldsonLearnedEstimator:
-    """The posterior mean by a network that is trained once for a set-up."""
+    """The posterior mean by a network that is trained once for a set-up.
+
+    Attributes:
+        report: told how much of a training is done, of how much; nobody by default.
+    """
+
+    report: Callable[[float, float], None]
 
     def __init__(self, settings: DonaldsonLearnedSettings | None = None) -> None:
         self._settings = settings or DonaldsonLearnedSettings()
         self._plain = {
             k: v if isinstance(v, (int, float)) else str(v)
             for k, v in asdict(self._settings).items()
+            if k != "keep"
         }
         self._gains = DonaldsonQuickEstimator(
             DonaldsonQuickSettings(
@@ -79,6 +96,7 @@ class DonaldsonLearnedEstimator:
             )
         )
         self._networks: list[tuple[Gain, Network]] = []
+        self.report = _nobody
 
     @property
     def name(self) -> str:
@@ -105,15 +123,37 @@ class DonaldsonLearnedEstimator:
         for gain, network in self._networks:
             if gain is known:
                 return network
+        network = self._kept(known) if self._settings.keep else self._trained(known)
+        self._networks = [(known, network), *self._networks[:7]]
+        return network
+
+    def _kept(self, known: Gain) -> Network:
+        """The network for exactly this, from the cache folder or trained and put there."""
+        digest = hashlib.sha256()
+        system = known.system
+        for each in (
+            system.illuminants, system.sensitivities, system.emission_nm, system.excitation_nm,
+            known.noise, known.valid,
+        ):  # fmt: skip
+            digest.update(repr(each.shape).encode() + np.ascontiguousarray(each).tobytes())
+        key = content_key({"version": VERSION, "of": digest.hexdigest(), "settings": self._plain})
+        path = cache_folder("networks") / f"{key}.npz"
+        stored = load_arrays(path, lambda text: warnings.warn(text, stacklevel=2))
+        if stored is not None:
+            return Network.of(stored, known.cells)
+        network = self._trained(known)
+        store_arrays(path, network.arrays())
+        return network
+
+    def _trained(self, known: Gain) -> Network:
         shape = (-1, known.cells.emission_nm.size * known.cells.excitation_nm.size)
         design = known.system.design().reshape(shape)[known.valid][:, known.places]
         own = self._settings
-        network = train(
+        return train(
             design, known.noise, known.cells, own.prior, draws=own.materials, epochs=own.epochs,
-            width=own.width, layers=own.layers, directions=own.directions, seed=own.seed,
+            width=own.width, layers=own.layers, terms=own.terms, directions=own.directions,
+            seed=own.seed, report=self.report,
         )  # fmt: skip
-        self._networks = [(known, network), *self._networks[:7]]
-        return network
 
     def _one(
         self, data: FluorescenceData, others: Sequence[FluorescenceData]
@@ -124,15 +164,14 @@ class DonaldsonLearnedEstimator:
         level = (usual**2).sum(axis=1) / (light * usual).sum(axis=1)
         value = data.value.reshape(-1)[known.valid]
         alike = (data.value * level[:, None]).reshape(-1)[known.valid]
-        found, wide, size = network.unknowns(alike)
+
+        def beyond(unknowns: FloatArray) -> FloatArray:
+            return np.asarray(value - known.captured(data.system, unknowns))
+
+        found, wide, size = network.unknowns(alike, beyond)
         np.clip(found, 0.0, known.upper, out=found)
-        left = value - known.captured(data.system, found)
+        left = beyond(found)
         chi_square = float(left @ network.inverse[size] @ left)
-        for turn in range(self._settings.rounds):
-            if turn:
-                left = value - known.captured(data.system, found)
-            found += left @ network.move[size]
-            np.clip(found, 0.0, known.upper, out=found)
         wide *= WIDER
         quantile = np.stack([found - wide[0], found, found + wide[1]])
         return result_of(
@@ -140,3 +179,7 @@ class DonaldsonLearnedEstimator:
             np.clip(quantile, 0.0, known.upper), wide.sum(axis=0) / (2.0 * Z90), chi_square,
             known.made_from,
         )  # fmt: skip
+
+
+def _nobody(done: float, total: float) -> None:
+    """A report that nobody hears."""

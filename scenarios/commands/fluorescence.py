@@ -231,7 +231,9 @@ def _estimate(
 
     _light_outside(visit.setup)
     data = corrected(visit)
-    with console.step(f"estimate with {estimator.name}"):
+    with console.step(f"estimate with {estimator.name}") as progress:
+        if hasattr(estimator, "report"):
+            estimator.report = progress
         result = estimator.estimate(data)
     return data, result
 

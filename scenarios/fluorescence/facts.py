@@ -27,7 +27,7 @@ ESTIMATOR_NOTES = {
     "donaldson-linear": "the smooth background alone: one linear solve, quick",
     "donaldson-quick": "about a millisecond, from a gain kept for the set-up; less exact",
     "donaldson-learned": "the posterior mean, by a network that is trained once for a set-up, in"
-    " one to four minutes; then below a millisecond: for many samples",
+    " three to five minutes, and kept; then below a millisecond: for many samples",
     "fluorescence-posterior": "draws of Gaussians and moments (emcee): the posterior of the"
     " exported model; slow",
     "gmm-adam": "six Gaussians and a diagonal by Adam, then bounded MESE (Iser et al. 2023): for"

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +27,8 @@ from twin.spectra import FloatArray
 CELLS = Cells(GRID_NM, GRID_NM)
 SIGMA = 2e-3
 """Noise of every capture: with other noise a network is trained anew."""
-SMALL = DonaldsonLearnedSettings(materials=8000, epochs=4, width=96, layers=2)
+TINY: dict[str, Any] = {"materials": 600, "epochs": 1, "width": 16, "layers": 1}
+SMALL = DonaldsonLearnedSettings(materials=8000, epochs=4, width=96, layers=2, keep=False)
 
 
 def data(matrix: FloatArray, bench: FluorescenceSystem, seed: int) -> FluorescenceData:
@@ -154,9 +161,8 @@ def test_captures_that_no_drawn_material_makes_are_inconsistent(
 def test_same_seed_same_network_and_refused_options() -> None:
     bench = system("chip")
     one = data(material(4), bench, 4)
-    tiny = {"materials": 600, "epochs": 1, "width": 16, "layers": 1}
     found = [
-        fluorescence_estimator("donaldson-learned", **tiny, seed=seed).estimate(one)
+        fluorescence_estimator("donaldson-learned", **TINY, keep=False, seed=seed).estimate(one)
         for seed in (1, 1, 2)
     ]
     assert np.array_equal(found[0].matrix, found[1].matrix)
@@ -164,3 +170,67 @@ def test_same_seed_same_network_and_refused_options() -> None:
     assert not np.array_equal(found[0].matrix, found[2].matrix)
     with pytest.raises(InputError, match="epochs"):
         fluorescence_estimator("donaldson-learned", epochs=0)
+
+
+def test_a_network_is_kept_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another process finds it, byte by byte; what is damaged is said and trained again."""
+    monkeypatch.setenv("BENCHTWIN_CACHE", str(tmp_path))
+    one, other = (data(material(4), system("chip"), seed) for seed in (4, 5))
+    usual = fluorescence_estimator("donaldson-learned", **TINY).estimate(one)
+    (path,) = (tmp_path / "networks").iterdir()
+    with monkeypatch.context() as patch:
+
+        def refuse(*_: object, **__: object) -> None:
+            pytest.fail("trained again")
+
+        patch.setattr(learned, "train", refuse)
+        again = fluorescence_estimator("donaldson-learned", **TINY).estimate(one)
+        with pytest.raises(pytest.fail.Exception, match="trained again"):
+            fluorescence_estimator("donaldson-learned", **TINY).estimate(other)
+    assert again.matrix.tobytes() == usual.matrix.tobytes()
+    assert again.quantile.tobytes() == usual.quantile.tobytes()
+    assert again.fingerprint == usual.fingerprint
+    kept = path.read_bytes()
+    path.write_bytes(kept[:-1] + bytes([kept[-1] ^ 1]))
+    with pytest.warns(UserWarning, match="damaged"):
+        mended = fluorescence_estimator("donaldson-learned", **TINY).estimate(one)
+    assert mended.matrix.tobytes() == usual.matrix.tobytes()
+    assert path.read_bytes() == kept
+
+
+def test_training_says_how_far_it_is() -> None:
+    estimator = DonaldsonLearnedEstimator(DonaldsonLearnedSettings(**TINY, keep=False))
+    said: list[tuple[float, float]] = []
+    estimator.report = lambda done, total: said.append((done, total))
+    estimator.estimate(data(material(4), system("chip"), 4))
+    done = [each[0] for each in said]
+    assert done == sorted(done)
+    assert len({total for _, total in said}) == 1
+    assert done[-1] == pytest.approx(said[0][1])
+
+
+@pytest.mark.skipif(len(getattr(os, "sched_getaffinity", lambda _: {0})(0)) < 2, reason="one core")
+def test_the_same_bytes_on_one_core() -> None:
+    """A process that may use one core alone trains the same network, byte by byte."""
+    program = (
+        "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+        "from tests.fluorescence import test_estimators_learned as here\n"
+        "print(here.trained())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=Path(__file__).parents[2], env={**os.environ},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.split() == trained().split()
+
+
+def trained() -> str:
+    """A digest of a small network, and of one with another seed."""
+    one, found = data(material(4), system("chip"), 4), []
+    for seed in (1, 2):
+        settings = DonaldsonLearnedSettings(**TINY, keep=False, seed=seed)
+        found.append(
+            hashlib.sha256(DonaldsonLearnedEstimator(settings).estimate(one).matrix).hexdigest()
+        )
+    assert found[0] != found[1]
+    return " ".join(found)

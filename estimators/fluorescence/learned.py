@@ -142,7 +142,10 @@ class DonaldsonLearnedEstimator:
         if stored is not None:
             return Network.of(stored, known.cells)
         network = self._trained(known)
-        store_arrays(path, network.arrays())
+        try:
+            store_arrays(path, network.arrays())
+        except InputError as error:  # minutes of training are not lost to a full disk
+            warnings.warn(f"the trained network is not kept: {error}", stacklevel=2)
         return network
 
     def _trained(self, known: Gain) -> Network:
@@ -161,7 +164,8 @@ class DonaldsonLearnedEstimator:
         known = self._gains.gain_for(data, others)
         network = self._network(known)
         light, usual = data.system.illuminants, known.system.illuminants
-        level = (usual**2).sum(axis=1) / (light * usual).sum(axis=1)
+        both = (light * usual).sum(axis=1)
+        level = np.where(both > 0.0, (usual**2).sum(axis=1) / np.where(both > 0.0, both, 1.0), 1.0)
         value = data.value.reshape(-1)[known.valid]
         alike = (data.value * level[:, None]).reshape(-1)[known.valid]
 

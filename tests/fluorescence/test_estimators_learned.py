@@ -196,6 +196,11 @@ def test_a_network_is_kept_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         mended = fluorescence_estimator("donaldson-learned", **TINY).estimate(one)
     assert mended.matrix.tobytes() == usual.matrix.tobytes()
     assert path.read_bytes() == kept
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("BENCHTWIN_CACHE", str(tmp_path / "file"))
+    with pytest.warns(UserWarning, match="not kept"):
+        lost = fluorescence_estimator("donaldson-learned", **TINY).estimate(one)
+    assert lost.matrix.tobytes() == usual.matrix.tobytes()
 
 
 def test_training_says_how_far_it_is() -> None:

@@ -6,8 +6,7 @@ cells, which cannot be lit, are set to 0 both in what is simulated and in what i
 Captures come from simulated visits (`twin.fluorescence`: shot noise, drift of the lamps, darks,
 calibration on a white), the same for all methods. No method was tuned on these matrices.
 
-Keys (medians over materials; RMSE of the 465 cells below the diagonal, and of the diagonal); ours
-is `donaldson-both`, and what ends in `_donaldson`, `_learned`, `_quick` is of those estimators:
+Keys (medians over materials; RMSE of the 465 cells below the diagonal, and of the diagonal):
 
 - `rmse_ratio_fluo`, `rmse_ratio_diag`: ours over `gmm-adam`, ratio of the medians, median over
   set-ups; `..._by_setup` each. `rmse_ratio_blasinski` (of the 465 cells) and
@@ -16,7 +15,7 @@ is `donaldson-both`, and what ends in `_donaldson`, `_learned`, `_quick` is of t
   cross-validated and default weights (weights that predict left-out captures best are not always
   those of the best matrix).
 - `rmse_fluo`, `rmse_diag`: by method and set-up; `nothing` predicts no fluorescence (it says
-  nothing of the diagonal, and is in `rmse_fluo` alone), `donaldson-linear` is the fit with the
+  nothing of the diagonal, and is in `rmse_fluo` alone), `donaldson-linear` is ours with the
   Gaussian background alone, `donaldson-quick` the same with a gain that is kept for all samples of
   a set-up.
 - `de2000_ratio`: median over materials and wavelengths of CIEDE2000 under monochromatic light,
@@ -60,7 +59,6 @@ SETUPS = ("l1-s1", "l1-s2", "l2-s1", "l2-s2")
 GRID = np.arange(400.0, 701.0, 10.0)
 VISIBLE, STRONG = 1e-3, 1e-2
 CROSS_VALIDATED_ON = 6
-OURS = "donaldson-both"
 
 
 def run(quick: bool) -> dict[str, Any]:
@@ -115,7 +113,6 @@ def _compare(name: str, truths: Sequence[Any], bases: Any, quick: bool) -> dict[
         BlasinskiSettings,
         cross_validated,
     )
-    from estimators.fluorescence.both import DonaldsonBothEstimator
     from estimators.fluorescence.colour import monochromatic_difference
     from estimators.fluorescence.donaldson import DonaldsonEstimator, DonaldsonSettings
     from estimators.fluorescence.learned import DonaldsonLearnedEstimator, DonaldsonLearnedSettings
@@ -138,7 +135,6 @@ def _compare(name: str, truths: Sequence[Any], bases: Any, quick: bool) -> dict[
     learned.estimate_batch(data[: 1 if quick else 16])
     training = time.process_time() - begin
     methods: dict[str, Any] = {
-        OURS: DonaldsonBothEstimator(learned=learned),
         "donaldson": ours, "donaldson-linear": linear, "donaldson-quick": swift,
         "donaldson-learned": learned, "gmm-adam": adam,
         "blasinski": BlasinskiEstimator(plain), "blasinski-cv": BlasinskiEstimator(tuned),
@@ -152,16 +148,15 @@ def _compare(name: str, truths: Sequence[Any], bases: Any, quick: bool) -> dict[
     nothing = errors(np.zeros_like(truth), truth)[0]
     colours = {
         m: float(np.median(monochromatic_difference(matrices[m], truth, GRID)))
-        for m in (OURS, "donaldson", "donaldson-learned", "gmm-adam", "blasinski-cv")
+        for m in ("donaldson", "donaldson-learned", "gmm-adam", "blasinski-cv")
     }
-    inside = _inside(results[OURS], truth)
-    between = _inside(results[OURS], truth, "quantile")
-    by_fit = _inside(results["donaldson"], truth)
+    inside = _inside(results["donaldson"], truth)
+    between = _inside(results["donaldson"], truth, "quantile")
     by_network = _inside(results["donaldson-learned"], truth)
     below = np.tril(np.ones(truth.shape[1:], dtype=bool), -1)
     low = np.broadcast_to(below, truth.shape)
-    flagged = np.array([r.undetermined for r in results[OURS]]) & low
-    zero = low & ~flagged & (matrices[OURS] <= 0.0)
+    flagged = np.array([r.undetermined for r in results["donaldson"]]) & low
+    zero = low & ~flagged & (matrices["donaldson"] <= 0.0)
     loop = GmmAdamEstimator(GmmAdamSettings(whole_program=False))
     single = data[:1] if quick else data[:3]
     return {
@@ -183,25 +178,20 @@ def _compare(name: str, truths: Sequence[Any], bases: Any, quick: bool) -> dict[
                 ("determined", low & ~flagged & ~zero), ("undetermined", flagged), ("at_zero", zero)
             )
         },
-        "coverage_fit": [
-            float(by_fit[:, below].mean()),
-            float(by_fit[:, below][truth[:, below] > STRONG].mean()),
-        ],
         "coverage_learned": [
             float(by_network[:, below].mean()),
             float(by_network[:, below][truth[:, below] > STRONG].mean()),
         ],
-        "misfit": _misfit(data, matrices[OURS]),
+        "misfit": _misfit(data, matrices["donaldson"]),
         "preparation": preparation, "training": training,
         "seconds": {
-            OURS: _seconds(methods[OURS], single),
             "donaldson": _seconds(ours, single), "donaldson-linear": _seconds(linear, single),
             "donaldson-quick": _seconds(swift, data),
             "donaldson-learned": _seconds(learned, data),
             "gmm-adam": _seconds(adam, single), "gmm-adam-loop": _seconds(loop, data[:1]),
         },
         "weights": {k: getattr(tuned, k) for k in ("alpha", "beta", "gamma", "eta")},
-        "status": _counted([r.status.name.lower() for r in results[OURS]]),
+        "status": _counted([r.status.name.lower() for r in results["donaldson"]]),
     }  # fmt: skip
 
 
@@ -239,7 +229,7 @@ def _counted(words: Sequence[str]) -> dict[str, int]:
 
 
 def _summary(found: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    def ratio(kind: str, other: str, mine: str = OURS) -> dict[str, float]:
+    def ratio(kind: str, other: str, mine: str = "donaldson") -> dict[str, float]:
         return {name: each[kind][mine] / each[kind][other] for name, each in found.items()}
 
     def middle(values: dict[str, float]) -> float:
@@ -256,8 +246,7 @@ def _summary(found: dict[str, dict[str, Any]]) -> dict[str, Any]:
     }
     cells = sum(int(counted[1]) for counted in groups.values())
     slowest: Callable[[str], float] = lambda m: max(e["seconds"][m] for e in found.values())  # noqa: E731
-    ours, whole, loop = slowest(OURS), slowest("gmm-adam"), slowest("gmm-adam-loop")
-    fit = ratio("fluo", "gmm-adam", "donaldson")
+    ours, whole, loop = slowest("donaldson"), slowest("gmm-adam"), slowest("gmm-adam-loop")
     return {
         "rmse_ratio_fluo": middle(fluo), "rmse_ratio_fluo_by_setup": fluo,
         "rmse_ratio_diag": middle(diag), "rmse_ratio_diag_by_setup": diag,
@@ -282,16 +271,6 @@ def _summary(found: dict[str, dict[str, Any]]) -> dict[str, Any]:
             max(float(np.median(each["misfit"])) for each in found.values()),
             max(float(each["misfit"].max()) for each in found.values()),
         ],
-        "rmse_ratio_fluo_donaldson": middle(fit), "rmse_ratio_fluo_donaldson_by_setup": fit,
-        "rmse_ratio_diag_donaldson": middle(ratio("diag", "gmm-adam", "donaldson")),
-        "rmse_ratio_diag_donaldson_by_setup": ratio("diag", "gmm-adam", "donaldson"),
-        "rmse_ratio_blasinski_donaldson": middle(ratio("fluo", "blasinski-cv", "donaldson")),
-        "de2000_ratio_donaldson": middle(ratio("colour", "gmm-adam", "donaldson")),
-        "coverage90_donaldson": float(np.mean([e["coverage_fit"][0] for e in found.values()])),
-        "coverage90_strong_donaldson": float(
-            np.mean([e["coverage_fit"][1] for e in found.values()])
-        ),
-        "seconds_per_material_donaldson": slowest("donaldson"),
         "seconds_per_material_quick": slowest("donaldson-quick"),
         "speed_ratio_adam_quick": whole / slowest("donaldson-quick"),
         "rmse_ratio_fluo_quick_by_setup": ratio("fluo", "gmm-adam", "donaldson-quick"),

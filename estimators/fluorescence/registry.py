@@ -16,7 +16,6 @@ _OURS = {
     "donaldson-linear": ("donaldson", "DonaldsonEstimator", "DonaldsonSettings", {"products": 0}),
     "donaldson-quick": ("quick", "DonaldsonQuickEstimator", "DonaldsonQuickSettings", {}),
     "donaldson-learned": ("learned", "DonaldsonLearnedEstimator", "DonaldsonLearnedSettings", {}),
-    "donaldson-both": ("both", "DonaldsonBothEstimator", "DonaldsonBothSettings", {}),
     "gmm-adam": ("adam", "GmmAdamEstimator", "GmmAdamSettings", {}),
     "blasinski": ("blasinski", "BlasinskiEstimator", "BlasinskiSettings", {}),
     "fluorescence-posterior": (

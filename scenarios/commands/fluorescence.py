@@ -193,7 +193,7 @@ def _estimator(name: str | None, seed: int | None) -> FluorescenceEstimator:
     from estimators.fluorescence import fluorescence_estimator
 
     wanted = name or ESTIMATOR
-    draws = wanted in (ESTIMATOR, "donaldson-linear", "donaldson-both", "fluorescence-posterior")
+    draws = wanted in (ESTIMATOR, "donaldson-linear", "fluorescence-posterior")
     return fluorescence_estimator(wanted, **({"seed": seed} if draws and seed is not None else {}))
 
 

@@ -28,8 +28,6 @@ ESTIMATOR_NOTES = {
     "donaldson-quick": "about a millisecond, from a gain kept for the set-up; less exact",
     "donaldson-learned": "the posterior mean, by a network that is trained once for a set-up, in"
     " three to five minutes, and kept; then below a millisecond: for many samples",
-    "donaldson-both": "the weighed mean of donaldson and donaldson-learned, with intervals: the"
-    " nearest to the truth where many samples share a set-up",
     "fluorescence-posterior": "draws of Gaussians and moments (emcee): the posterior of the"
     " exported model; slow",
     "gmm-adam": "six Gaussians and a diagonal by Adam, then bounded MESE (Iser et al. 2023): for"

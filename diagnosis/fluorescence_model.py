@@ -41,6 +41,9 @@ SETTLED = 1e-3
 """Change of the unknowns in a step [prior standard deviations, all together] that ends them."""
 NO_FLUORESCENCE = "a white without fluorescence"
 """What the correction expects where it refuses a white for its light."""
+JAGGED = 0.02
+"""Standard deviation of single rows of a matrix around all that is smooth, relative to them: what a
+spectrum at one wavelength does is no sign of a bench that is wrong."""
 TWIN = 1e-3
 """The twin's own error, relative, in every reading: bins of 10 nm and linearised unknowns."""
 DISCREPANCIES = (0.0, 1e-3, 3e-3, 0.01, 0.03, 0.1)
@@ -267,7 +270,8 @@ def material_prior(data: FluorescenceData) -> MaterialPrior:
 
     Directions that no capture sees stay: under other lights and channels one may.
     Its most probable fit: Gaussian background (reflectance and cells) plus products, these
-    linearised about their fitted parameters t with their own prior t ~ N(0, 1).
+    linearised about their fitted parameters t with their own prior t ~ N(0, 1). Every row may be
+    a little brighter or darker than that (`JAGGED`).
 
     Raises:
         InputError: captures that no estimator can use.
@@ -280,30 +284,32 @@ def material_prior(data: FluorescenceData) -> MaterialPrior:
     captures, settings = gather([data]), DonaldsonSettings()
     prior, cells = settings.background, captures.cells
     reduced = reduce(captures, prior, settings.directions)
-    model = Products(reduced.design, cells, settings.shapes)
+    model = Products(reduced.design, cells, settings.shapes, reduced.diagonal_design)
     fits = candidates(reduced, model, settings.amplitudes, settings.steps, settings.products)
     best = max(fits, key=lambda one: float(one.log_evidence[0]))
     found, kernel = best.reduced, best.reduced.kernels
-    covariance = best.amplitude**2 * kernel.cell + found.roughness[0] ** 2 * np.eye(
-        len(kernel.cell)
-    )
-    if found.local is not None:
-        covariance = covariance + np.outer(found.local[0], found.local[0]) * kernel.local
-    scale = found.leak_scale[0]
-    covariance[np.ix_(kernel.near, kernel.near)] += np.outer(scale, scale) * kernel.leak
-    mean = np.zeros(len(covariance))
+    count, size = len(kernel.cell), len(kernel.cell) + len(kernel.diagonal)
+    covariance = found.unknowns(best.amplitude, 0)
+    mean = np.zeros(size)
+    mean[count:] = prior.reflectance_mean
     if best.products:
         places = np.argwhere(cells.below_diagonal)
-        each = np.zeros((len(places), *cells.below_diagonal.shape))
-        each[np.arange(len(places)), places[:, 0], places[:, 1]] = 1.0
-        one, slope = Products(each, cells, settings.shapes).values_and_jacobian(best.parameters)
-        mean = one[0] - slope[0] @ best.parameters[0].reshape(-1)
-        covariance = covariance + slope[0] @ slope[0].T
-    roots = [_root(covariance), _root(kernel.diagonal)]
-    cell = np.concatenate([roots[0].T, np.zeros((roots[1].shape[1], len(covariance)))])
-    on = np.concatenate([np.zeros((roots[0].shape[1], len(roots[1]))), roots[1].T])
-    level = np.full(cells.diagonal_nm.size, prior.reflectance_mean)
-    return MaterialPrior(cells.matrix(mean, level), cells.matrix(cell, on))
+        each = np.zeros((size, *cells.below_diagonal.shape))
+        each[np.arange(count), places[:, 0], places[:, 1]] = 1.0
+        on = np.eye(size)[:, count:]
+        whole = Products(each, cells, settings.shapes, on)
+        one, slope = whole.values_and_jacobian(best.parameters)
+        mean += one[0] - slope[0] @ best.parameters[0].reshape(-1)
+        covariance += slope[0] @ slope[0].T
+    seen = np.concatenate([np.zeros(count), found.reflectance[0]])
+    if best.products:
+        seen[:count] = model.fluorescence(best.parameters)[0]
+    row = np.concatenate([cells.emission, cells.diagonal_nm])
+    covariance += JAGGED**2 * np.outer(seen, seen) * (row[:, None] == row)
+    root = _root(covariance).T
+    return MaterialPrior(
+        cells.matrix(mean[:count], mean[count:]), cells.matrix(root[:, :count], root[:, count:])
+    )
 
 
 def _root(covariance: FloatArray) -> FloatArray:

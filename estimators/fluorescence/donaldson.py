@@ -108,7 +108,7 @@ class DonaldsonEstimator:
         reduced = reduce(captures, settings.background, settings.directions)
         if settings.products:
             reduced = reduced.but(roughness=SMOOTHER * reduced.roughness)
-        model = Products(reduced.design, captures.cells, settings.shapes)
+        model = Products(reduced.design, captures.cells, settings.shapes, reduced.diagonal_design)
         fits = candidates(reduced, model, settings.amplitudes, settings.steps, settings.products)
         weight = weights(fits)
         matrix = means(model, fits, weight)

@@ -24,7 +24,7 @@ from twin.fluorescence.mixture import Gaussian, MixtureModel
 from twin.fluorescence.system import FluorescenceData
 from twin.spectra import FloatArray
 
-BACKGROUND = BackgroundPrior(reflectance_amplitude=0.03, reflectance_length_nm=40.0)
+BACKGROUND = BackgroundPrior(reflectance=((0.03, 40.0),))
 """What Gaussians and a MESE of eight moments cannot follow."""
 
 STARTS = 6

@@ -49,6 +49,7 @@ def means(model: Products, fits: Sequence[Fit], weight: FloatArray) -> FloatArra
         cell, deviation = one.reduced.background(one.amplitude, one.weighted)
         if one.products:
             cell = cell + model.fluorescence(one.parameters)
+            deviation = deviation + model.reflectance(one.parameters)
         mode = np.concatenate([cell, one.reduced.prior.reflectance_mean + deviation], axis=1)
         upper = np.ones(mode.shape[1])
         upper[: cell.shape[1]] = np.inf
@@ -107,7 +108,7 @@ def draws(
         if reduced.local is not None:
             background += reduced.local[sample] * prior.local[member]
         background[:, reduced.kernels.near] += prior.leak[member] * reduced.leak_scale[sample]
-        cell = np.zeros_like(background)
+        cell, dips = np.zeros_like(background), np.zeros_like(diagonal)
         explained = np.zeros((member.size, reduced.value.shape[1]))
         if one.products:
             value, vector = np.linalg.eigh(one.hessian[sample])
@@ -117,6 +118,7 @@ def draws(
             t = t + (normal * wide * (1.0 + WIDER * wide)) @ vector.T
             t = t.reshape(member.size, one.products, -1)
             cell = model.fluorescence(t)
+            dips = model.reflectance(t)
             explained = model.values(t)
         left = reduced.value[sample] - explained - noise[member]
         left -= background @ reduced.cell_design.T + diagonal @ reduced.diagonal_design.T
@@ -125,7 +127,7 @@ def draws(
         more = left @ move
         size = cell.shape[1]
         cell = cell + background + more[:, :size]
-        reflectance = reduced.prior.reflectance_mean + diagonal + more[:, size:]
+        reflectance = reduced.prior.reflectance_mean + dips + diagonal + more[:, size:]
         design = np.concatenate([reduced.cell_design, reduced.diagonal_design], axis=1)
         cut = back_on_captures(np.concatenate([cell, reflectance], axis=1), design, move, size)
         shown = np.maximum(cut[:, :size] + unshown[member], 0.0)

@@ -3,6 +3,10 @@
     cell(o, i) = sum_k exp(u_k(o) + v_k(i)),   emission o longer than excitation i  (Kasha's rule)
     u = ln peak + ln lognormal(o; peak wavelength, width, skew) + deviation(o)
     v =           ln lognormal(i; peak wavelength, width, skew) + deviation(i)
+    reflectance  = what there is without fluorophores - sum_k dip_k exp(v_k)
+
+Light that a fluorophore absorbs is not reflected: the reflectance, which captures tell well, shows
+where it is excited, which they tell less well.
 
 The log-normal peak is that of Siano and Metzler 1969; a soft floor of exp(-7) lets deviations act
 in its tails. Deviations are Gaussian processes in their first eigenvectors. All parameters are
@@ -48,6 +52,9 @@ class ShapePrior:
     """Standard deviations of ln emission and ln excitation around the log-normal peak."""
     deviation_length_nm: tuple[float, float] = (28.0, 30.0)
     deviation_terms: int = 12
+    dip: tuple[float, float] = (0.15, 0.15)
+    """How much less is reflected where a fluorophore absorbs most; (0, 0): reflectance and
+    fluorescence know nothing of each other."""
 
 
 def log_peak(wavelength: FloatArray, shape: FloatArray) -> FloatArray:
@@ -68,11 +75,13 @@ class Products:
         design: (m, Wo, Wi), zero outside the fluorescence.
         cells: the unknowns.
         prior: of the shapes.
+        diagonal_design: of the reflectance, (m, D); None: captures of the fluorescence alone.
     """
 
     design: FloatArray
     cells: Cells
     prior: ShapePrior
+    diagonal_design: FloatArray | None = None
 
     @cached_property
     def _bases(self) -> tuple[FloatArray, FloatArray]:
@@ -88,7 +97,12 @@ class Products:
     @property
     def size(self) -> int:
         """Parameters per product, P."""
-        return 7 + 2 * self.prior.deviation_terms
+        return 7 + 2 * self.prior.deviation_terms + self.dips
+
+    @cached_property
+    def dips(self) -> bool:
+        """Whether products take from the reflectance; then that is their last parameter."""
+        return any(self.prior.dip)
 
     @cached_property
     def _mean_scale(self) -> tuple[FloatArray, FloatArray]:
@@ -139,16 +153,19 @@ class Products:
             dv[:, :, 1] = gv[:, :, 0] * scale[1]
             dv[:, :, 4] = -gv[:, :, 0] * scale[4]
             dv[:, :, 5:7] = gv[:, :, 1:] * scale[5:7]
-            dv[:, :, 7 + terms :] = base_v
+            dv[:, :, 7 + terms : 7 + 2 * terms] = base_v
         u = u + p[:, :1] + t[:, 7 : 7 + terms] @ base_u.T
-        v = v + t[:, 7 + terms :] @ base_v.T
+        v = v + t[:, 7 + terms : 7 + 2 * terms] @ base_v.T
         return np.exp(np.minimum(u, _LARGEST)), np.exp(np.minimum(v, _LARGEST)), du, dv
 
     def values(self, parameters: FloatArray) -> FloatArray:
         """Captures in m directions, (B, m), of parameters (B, K, P)."""
         emission, excitation = self.spectra(parameters)
         cells = np.einsum("bko,bki->boi", emission, excitation)
-        return np.asarray(np.tensordot(cells, self.design, axes=((1, 2), (1, 2))))
+        found = np.tensordot(cells, self.design, axes=((1, 2), (1, 2)))
+        if self.diagonal_design is not None:
+            found = found + self.reflectance(parameters) @ self.diagonal_design.T
+        return np.asarray(found)
 
     def values_and_jacobian(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Captures (B, m) and their derivatives (B, m, K P) of parameters (B, K, P)."""
@@ -163,8 +180,33 @@ class Products:
         by_excitation = by_excitation.transpose(2, 0, 1) * ex[:, None, :]
         value = by_emission.sum(axis=2).reshape(batch, products, m).sum(axis=1)
         jacobian = by_emission @ du + by_excitation @ dv
+        if self.dips and self.diagonal_design is not None:
+            taken, slope = self._taken(parameters.reshape(count, size), ex, dv)
+            value -= (taken.reshape(batch, products, -1).sum(axis=1)) @ self.diagonal_design.T
+            jacobian -= self.diagonal_design @ slope
         stacked = jacobian.reshape(batch, products, m, size).transpose(0, 2, 1, 3)
         return value, np.ascontiguousarray(stacked).reshape(batch, m, products * size)
+
+    def _taken(
+        self, t: FloatArray, excitation: FloatArray, slope: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """What products (N, P) take from the reflectance, (N, D), and its slopes (N, D, P)."""
+        mean, scale = self.prior.dip
+        curve = excitation[:, self.cells.diagonal[1]]
+        taken = (mean + scale * t[:, -1:]) * curve
+        slopes = taken[:, :, None] * slope[:, self.cells.diagonal[1]]
+        slopes[:, :, -1] = scale * curve
+        return taken, slopes
+
+    def reflectance(self, parameters: FloatArray) -> FloatArray:
+        """Changes of the reflectance (B, D) by products of parameters (B, K, P)."""
+        batch, products, size = parameters.shape
+        if not self.dips or products == 0:
+            return np.zeros((batch, self.cells.diagonal_nm.size))
+        t = parameters.reshape(-1, size)
+        _, excitation, _, slope = self._spectra(t, False)
+        taken, _ = self._taken(t, excitation, slope)
+        return np.asarray(-taken.reshape(batch, products, -1).sum(axis=1))
 
     @cached_property
     def _transposed(self) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.design.fluorescent_population import fluorescent_population
-from scenarios.design.fluorescent_prior import KNOWN_SHAPES
+from scenarios.design.fluorescent_prior import KNOWN
 from twin.errors import InputError
 from twin.fluorescence import (
     DonaldsonMatrix,
@@ -73,13 +73,13 @@ def errors_of_visits(
 ) -> dict[str, FloatArray]:  # fmt: skip
     """Simulate one visit to each material, estimate it, compare: as `simulated` returns it."""
     from estimators.fluorescence.colour import monochromatic_difference
-    from estimators.fluorescence.donaldson import DonaldsonEstimator, DonaldsonSettings
+    from estimators.fluorescence.donaldson import DonaldsonEstimator
 
     data = [
         corrected(simulate_fluorescence(setup, each, protocol=protocol, seed=1000 * seed + number))
         for number, each in enumerate(materials)
     ]
-    found = DonaldsonEstimator(DonaldsonSettings(draws=0, shapes=KNOWN_SHAPES)).estimate_batch(data)
+    found = DonaldsonEstimator(KNOWN).estimate_batch(data)
     first = found[0]
     truth = np.array([each.physical().matrix for each in materials])
     matrix = np.array([each.matrix for each in found])

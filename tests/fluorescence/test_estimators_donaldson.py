@@ -43,7 +43,7 @@ def test_reflectances_of_the_prior_are_covered_and_the_control_is_not() -> None:
     """
     bench = system()
     # Narrow enough that no reflectance drawn from it leaves 0 to 1, where intervals end.
-    prior = BackgroundPrior(reflectance_amplitude=0.1, roughness=(3e-4,))
+    prior = BackgroundPrior(reflectance=((0.1, 50.0),), roughness=(3e-4,))
     settings = DonaldsonSettings(products=0, directions=10_000, background=prior)
     captures = gather([data(material(1), bench)])
     drawn = kernels(captures.cells, prior).draws(40, 5)

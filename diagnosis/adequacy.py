@@ -100,7 +100,7 @@ def adequacy(problem: Problem, found: Fit, *, seed: int = 0, draws: int = DRAWS)
         ("alike in all captures", "all", every),
         ("by repeat", "capture_repeat", polynomials(problem.wavelength_nm, 2) if several else None),
     ):
-        if functions is not None:
+        if functions is not None and not (by in SHARED and problem.one_material):
             floor = 0.0 if by in SHARED else FLOOR
             columns = smooth_columns(problem, found.predicted, functions, by=by, floor=floor)
             looks.append((name, orthonormal(off(reduction(columns), own))))

@@ -219,6 +219,7 @@ def fluorescence_case(
         jacobian=twin.jacobian,
         signatures=tested.signatures,
         candidates=tuple(map(candidate_of, tested.suspects)),
+        one_material=True,
     )
     return FluorescenceCase(problem, data, tested.suspects, tested.left_out, _reasons(data), twin)
 

@@ -183,6 +183,8 @@ class Problem:
         material_reach: largest magnitudes of the P coordinates that a fit goes to; (): any.
         response_error: relative standard error of the twin's responses to effects, which the values
             that are fitted with them share.
+        one_material: whether all samples are one, under different lights: what they share is
+            its own then, not the bench's.
     """
 
     wavelength_nm: FloatArray
@@ -201,6 +203,7 @@ class Problem:
     material_names: tuple[str, ...] = ()
     material_reach: tuple[float, ...] = ()
     response_error: float = 0.0
+    one_material: bool = False
 
     def __post_init__(self) -> None:
         """Refuse shapes that do not belong together."""

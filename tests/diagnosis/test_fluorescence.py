@@ -17,7 +17,7 @@ from diagnosis.reduction import Reduction
 from tests.diagnosis.fluorescence_visits import Disturbance, visit
 from twin.effects import Effect, EffectParameter, catalogue
 from twin.effects.catalogue.fluorescence_bench import FluorescenceWorld
-from twin.fluorescence import corrected, example, named_setup
+from twin.fluorescence import DonaldsonMatrix, corrected, example, named_setup
 
 
 def diagnosed(
@@ -169,3 +169,17 @@ def test_a_gap_shows_though_its_effect_is_not_in_the_catalogue() -> None:
     found = diagnose(case.problem)
     assert found.verdict == "none_of_these"
     assert not any(name.startswith("illuminant_shift") for name in found.names)
+
+
+@pytest.mark.parametrize("setup", ["l1-s1", "l2-s1"])
+def test_a_material_that_is_not_smooth_is_no_gap(setup: str) -> None:
+    """Rows of measured matrices are off by a per cent, their cells by a thousandth."""
+    own = named_setup(setup)
+    smooth = example("pink_paper", own.emission_nm, own.excitation_nm)
+    random = np.random.Generator(np.random.Philox(key=5))
+    matrix = smooth.matrix * (1.0 + 0.01 * random.standard_normal((31, 1)))
+    rough = np.maximum(matrix + 1e-3 * random.standard_normal(matrix.shape), 0.0)
+    matrix = np.where(np.tril(np.ones(matrix.shape, dtype=bool), -1), rough, matrix)
+    material = DonaldsonMatrix(matrix, smooth.emission_nm, smooth.excitation_nm, name="rough")
+    found = diagnosed_fluorescence(visit(own, material, 7))[1]
+    assert found.verdict == "no_gap", (found.verdict, found.leading)

@@ -104,15 +104,21 @@ def headline(found: Diagnosis, named: Named) -> str:
     if found.verdict == "none_of_these":
         return f"A gap that no effect of the catalogue explains: {found.reason}."
     leading = [by_name[name] for name in found.leading if name in by_name]
-    said = "; and ".join(f"{named(e.name)} ({values_text(e, 'off by ')})" for e in leading)
+    told = [f"{named(e.name)} ({values_text(e, 'off by ')})" for e in leading]
+    said = "; and ".join(told)
     if found.verdict == "group":
         others = [named(name) for name in group_of(found) if name not in found.leading]
         listed = "; ".join(dict.fromkeys(others))
         return f"The gap is one of a group that these data do not tell apart: {said}; {listed}."
-    share = leading[0].probability if leading else float("nan")
     if found.verdict == "pair":
         return f"Two effects make the gap: {said}."
-    return f"One effect makes the gap, with {percent(share)} probability: {said}."
+    if not leading:
+        return "One effect makes the gap."
+    # The best explanation may have a second effect that the verdict is not sure of.
+    order = sorted(range(len(leading)), key=lambda i: -leading[i].probability)
+    first, *second = ((told[i], percent(leading[i].probability)) for i in order)
+    also = "".join(f"; perhaps also, with {share}: {text}" for text, share in second)
+    return f"One effect makes the gap, with {first[1]} probability: {first[0]}{also}."
 
 
 def group_of(found: Diagnosis) -> tuple[str, ...]:

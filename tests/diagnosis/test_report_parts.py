@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from diagnosis import Channel, Diagnosis
+from diagnosis import Channel, Diagnosis, RankedEffect
 from scenarios.report_diagnosis.colour import capture_rows
 from scenarios.report_diagnosis.residual_plot import mean_residual
-from scenarios.report_diagnosis.words import rare, where_sentences
+from scenarios.report_diagnosis.words import Named, headline, rare, where_sentences
 from twin.spectra import FloatArray
 
 WAVELENGTH = np.arange(400.0, 701.0, 10.0)
@@ -75,3 +76,22 @@ def test_without_a_loud_block_the_sentence_can_follow_the_gap() -> None:
 )
 def test_tails_of_the_noise_get_no_number(probability: float, words: str) -> None:
     assert rare(probability) == words
+
+
+def test_one_effect_is_named_with_its_own_probability_and_a_second_as_perhaps() -> None:
+    """The best explanation may be a pair whose second member is not known to be there."""
+    plain = Named({}, {}, {})
+    sure, unsure = (
+        RankedEffect(name, share, (), True, 0.0, 1e-6, 20.0)
+        for name, share in (("thickness", 0.998), ("ambient_light", 0.47))
+    )
+    found = Diagnosis(
+        verdict="effect", reason="one effect", effects=(sure, unsure),
+        leading=("ambient_light", "thickness"),
+    )  # fmt: skip
+    assert headline(found, plain) == (
+        "One effect makes the gap, with > 99 % probability: thickness ();"
+        " perhaps also, with 47 %: ambient_light ()."
+    )
+    alone = headline(replace(found, leading=("thickness",)), plain)
+    assert alone == "One effect makes the gap, with > 99 % probability: thickness ()."

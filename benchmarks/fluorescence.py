@@ -9,7 +9,8 @@ calibration on a white), the same for all methods. No method was tuned on these 
 Keys (medians over materials; RMSE of the 465 cells below the diagonal, and of the diagonal):
 
 - `rmse_ratio_fluo`, `rmse_ratio_diag`: ours over `gmm-adam`, ratio of the medians, median over
-  set-ups; `..._by_setup` each. `rmse_ratio_blasinski` (of the 465 cells) and
+  set-ups; `..._by_setup` each; `..._sd` the standard error of the materials' choice (bootstrap over
+  the materials, the same ones in all set-ups). `rmse_ratio_blasinski` (of the 465 cells) and
   `rmse_ratio_blasinski_diag`: over `blasinski` with cross-validated weights and bases of measured
   fluorophores and Munsell reflectances; `rmse_ratio_blasinski_best_by_setup` over the better of
   cross-validated and default weights (weights that predict left-out captures best are not always
@@ -163,6 +164,7 @@ def _compare(name: str, truths: Sequence[Any], bases: Any, quick: bool) -> dict[
         "fluo": {m: float(np.median(e[0])) for m, e in error.items()}
         | {"nothing": float(np.median(nothing))},
         "diag": {m: float(np.median(e[1])) for m, e in error.items()},
+        "each": {m: error[m] for m in ("donaldson", "donaldson-learned", "gmm-adam")},
         "colour": colours,
         "coverage": [
             float(inside[:, below].mean()),
@@ -249,6 +251,9 @@ def _summary(found: dict[str, dict[str, Any]]) -> dict[str, Any]:
     ours, whole, loop = slowest("donaldson"), slowest("gmm-adam"), slowest("gmm-adam-loop")
     return {
         "rmse_ratio_fluo": middle(fluo), "rmse_ratio_fluo_by_setup": fluo,
+        "rmse_ratio_fluo_sd": _bootstrap(found, "donaldson", 0),
+        "rmse_ratio_diag_sd": _bootstrap(found, "donaldson", 1),
+        "rmse_ratio_fluo_learned_sd": _bootstrap(found, "donaldson-learned", 0),
         "rmse_ratio_diag": middle(diag), "rmse_ratio_diag_by_setup": diag,
         "rmse_ratio_blasinski": middle(peer), "rmse_ratio_blasinski_by_setup": peer,
         "rmse_ratio_blasinski_best_by_setup": best,
@@ -296,6 +301,17 @@ def _summary(found: dict[str, dict[str, Any]]) -> dict[str, Any]:
         "blasinski_weights": {name: each["weights"] for name, each in found.items()},
         "status": {name: each["status"] for name, each in found.items()},
     }  # fmt: skip
+
+
+def _bootstrap(found: dict[str, dict[str, Any]], mine: str, kind: int) -> float:
+    """Standard error of the median ratio to `gmm-adam` (Efron 1979); kind 0: cells, 1: diagonal."""
+    random = np.random.Generator(np.random.Philox(key=1))
+    ours, theirs = (
+        np.array([each["each"][m][kind] for each in found.values()]) for m in (mine, "gmm-adam")
+    )
+    chosen = random.integers(ours.shape[1], size=(2000, ours.shape[1]))
+    ratio = np.median(ours[:, chosen], axis=2) / np.median(theirs[:, chosen], axis=2)
+    return float(np.median(ratio, axis=0).std())
 
 
 def _forward() -> dict[str, float]:

@@ -21,13 +21,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# As the command line does (scenarios/cli/guard.py), before numpy reads it: threads that wait for each
-# other on small matrices take four times as long, and processor time is that of all of them.
+# As the command line does (scenarios/cli/guard.py), before numpy reads it: threads that wait for
+# each other on small matrices take four times as long, and processor time counts them all.
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from scenarios.console import output_to_error  # noqa: E402
-from twin.errors import InputError  # noqa: E402
+from scenarios.console import output_to_error
+from twin.errors import InputError
 
 FOLDER = Path(__file__).parent
 VERSIONS_OF = ("benchtwin", "numpy", "scipy", "warp-lang", "jax", "mitsuba", "iadpython")

@@ -1,7 +1,7 @@
 """Processor time of one Donaldson matrix: ours against the published fit, on one core.
 
-The times of `python -m benchmarks fluorescence` alone, in minutes: warm, one material at a time, the
-median over twelve generated materials, the slowest of the four set-ups. The network of
+The times of `python -m benchmarks fluorescence` alone, in a minute: warm, one material at a time,
+the median over twelve generated materials, the slowest of the four set-ups. The network of
 `donaldson-learned` is trained on few draws: its time does not depend on what it has learned.
 
 - `seconds_per_material`: `donaldson`; `..._linear`, `..._quick`, `..._learned` the others; each

@@ -9,20 +9,17 @@ materials.
 - `false_alarms`, `visits_without_gap`: verdicts other than "no gap", of how many.
 - `found`, `visits_with_effect`: the right effect alone leads; by set-up too.
 - `inside_90`, `intervals`: values inside the 90 % interval, of how many that are given.
-- `missed`: the others, with verdict and what leads.
+- `alarms`, `missed`: each of the others, with verdict and what leads.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
-import numpy as np
+from benchmarks.fluorescence import DATA, SETUPS, measured
 
-SETUPS = ("l1-s1", "l1-s2", "l2-s1", "l2-s2")
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "fluorescence"
 LIGHTS: tuple[tuple[str, int, float], ...] = (
     ("illuminant_shift", 0, 2.0), ("illuminant_shift", -1, 6.0), ("illuminant_shift", 3, -2.0),
     ("filter_leak", 2, 0.02), ("filter_leak", 4, 0.05), ("ultraviolet_leak", 6, 0.03),
@@ -41,6 +38,8 @@ def run(quick: bool) -> dict[str, Any]:
     from twin.fluorescence.fluorophores import MATERIALS
 
     names, every = sorted(MATERIALS)[:8], 3 if quick else 1
+    path = DATA / "donaldson_bfc450.npz"
+    matrices = measured(path) if path.exists() else []
     alarms: list[str] = []
     missed: list[str] = []
     quiet = inside = intervals = 0
@@ -49,7 +48,7 @@ def run(quick: bool) -> dict[str, Any]:
     for name in SETUPS[1:2] if quick else SETUPS:
         setup = named_setup(name)
         own = [example(each, setup.emission_nm, setup.excitation_nm) for each in names]
-        for number, matrix in list(enumerate([*own, *_measured(setup.emission_nm)]))[::every]:
+        for number, matrix in list(enumerate([*own, *matrices]))[::every]:
             _, told = diagnosed_fluorescence(visit(setup, matrix, 100 + number))
             quiet += 1
             if told.verdict != "no_gap":
@@ -87,19 +86,3 @@ def _name(effect: str, place: int) -> str:
         return effect
     kind = "channel" if effect == "sensitivity_error" else "illuminant"
     return f"{effect}[{'all' if place < 0 else f'{kind} {place + 1}'}]"
-
-
-def _measured(grid: Any) -> list[Any]:
-    """The measured matrices as a visit may see them; none where the folder is not there."""
-    from twin.fluorescence.donaldson import DonaldsonMatrix
-
-    path = DATA / "donaldson_bfc450.npz"
-    if not path.exists():
-        return []
-    with np.load(path, allow_pickle=False) as file:
-        out, into = file["wo"].astype(float), file["wi"].astype(float)
-        return [
-            DonaldsonMatrix(file[name], out, into, name=name, below="keep").on(grid).physical()
-            for name in file.files
-            if name not in ("wo", "wi")
-        ]

@@ -75,17 +75,22 @@ def run(quick: bool) -> dict[str, Any]:
     return {"materials": len(truths), **_summary(by_setup), **_forward()}
 
 
-def materials(path: Path) -> list[Any]:
-    """Measured matrices and their sums, as `DonaldsonMatrix` on 400 to 700 nm."""
+def measured(path: Path) -> list[Any]:
+    """The measured matrices of a file, as `DonaldsonMatrix` on 400 to 700 nm."""
     from twin.fluorescence.donaldson import DonaldsonMatrix
 
     with np.load(path, allow_pickle=False) as file:
         out, into = file["wo"].astype(float), file["wi"].astype(float)
         names = [name for name in file.files if name not in ("wo", "wi")]
-        single = [
+        return [
             DonaldsonMatrix(file[name], out, into, name=name, below="keep").on(GRID).physical()
             for name in names
         ]
+
+
+def materials(path: Path) -> list[Any]:
+    """Measured matrices and their sums, as `DonaldsonMatrix` on 400 to 700 nm."""
+    single = measured(path)
     pairs = itertools.permutations(single, 2)
     return single + [one.with_fluorescence_of(other) for one, other in pairs]
 
@@ -187,10 +192,12 @@ def _compare(name: str, truths: Sequence[Any], bases: Any, quick: bool) -> dict[
         "misfit": _misfit(data, matrices["donaldson"]),
         "preparation": preparation, "training": training,
         "seconds": {
-            "donaldson": _seconds(ours, single), "donaldson-linear": _seconds(linear, single),
-            "donaldson-quick": _seconds(swift, data),
-            "donaldson-learned": _seconds(learned, data),
-            "gmm-adam": _seconds(adam, single), "gmm-adam-loop": _seconds(loop, data[:1]),
+            "donaldson": processor_seconds(ours, single),
+            "donaldson-linear": processor_seconds(linear, single),
+            "donaldson-quick": processor_seconds(swift, data),
+            "donaldson-learned": processor_seconds(learned, data),
+            "gmm-adam": processor_seconds(adam, single),
+            "gmm-adam-loop": processor_seconds(loop, data[:1]),
         },
         "weights": {k: getattr(tuned, k) for k in ("alpha", "beta", "gamma", "eta")},
         "status": _counted([r.status.name.lower() for r in results["donaldson"]]),
@@ -215,7 +222,7 @@ def _misfit(data: Sequence[Any], matrices: FloatArray) -> FloatArray:
     return np.array(found)
 
 
-def _seconds(estimator: Any, data: Sequence[Any]) -> float:
+def processor_seconds(estimator: Any, data: Sequence[Any]) -> float:
     """Processor time [s] of one estimate, the median of several after one that warms up."""
     estimator.estimate(data[0])
     times = []

@@ -4,8 +4,8 @@ The times of `python -m benchmarks fluorescence` alone, in a minute: warm, one m
 the median over twelve generated materials, the slowest of the four set-ups. The network of
 `donaldson-learned` is trained on few draws: its time does not depend on what it has learned.
 
-- `seconds_per_material`: `donaldson`; `..._linear`, `..._quick`, `..._learned` the others; each
-  `..._by_setup` too.
+- `seconds_per_material`: `donaldson`; `..._linear`, `..._quick`, `..._learned` the others;
+  `by_setup` each of them [s].
 - `adam_seconds`: the published fit compiled as one program; `adam_loop_seconds` with its gradient
   compiled and its loop in Python, as published.
 - `speed_ratio_adam` and `..._linear`, `..._quick`, `..._learned`: the first over ours;
@@ -17,7 +17,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from benchmarks.fluorescence import SETUPS, _seconds
+from benchmarks.fluorescence import SETUPS, processor_seconds
 
 MATERIALS = 12
 
@@ -46,7 +46,7 @@ def run(quick: bool) -> dict[str, Any]:
     for name in SETUPS[:1] if quick else SETUPS:
         data = captures(name, truths, seed=1)
         times[name] = {
-            key: _seconds(each, data[:2] if key == "adam_loop" else data)
+            key: processor_seconds(each, data[:2] if key == "adam_loop" else data)
             for key, each in methods.items()
         }
         print(name, file=sys.stderr, flush=True)

@@ -52,8 +52,8 @@ class ShapePrior:
     deviation_length_nm: tuple[float, float] = (28.0, 30.0)
     deviation_terms: int = 12
     dip: tuple[float, float] = (0.15, 0.15)
-    """How much less is reflected where a fluorophore absorbs most; (0, 0): reflectance and
-    fluorescence know nothing of each other."""
+    """Share of the light that is not reflected where a fluorophore absorbs most [-]; (0, 0):
+    reflectance and fluorescence know nothing of each other."""
 
 
 def log_peak(wavelength: FloatArray, shape: FloatArray) -> FloatArray:
